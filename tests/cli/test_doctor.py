@@ -7,7 +7,7 @@ from tests.cli.typed import told, typed
 from vlafuzz.cli import main
 from vlafuzz.common.check import Check
 from vlafuzz.doctor import exam
-from vlafuzz.worlds.tabletop import machine, renderer
+from vlafuzz.worlds.tabletop import renderer, world
 
 LAVAPIPE = renderer.Renderer("llvmpipe", "Mesa 25.0.7", None)
 NONE = renderer.Renderer(None, None, "Vulkan finds no device")
@@ -16,7 +16,7 @@ NONE = renderer.Renderer(None, None, "Vulkan finds no device")
 @pytest.fixture
 def healthy(monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
-    monkeypatch.setattr(machine, "import_problem", lambda: "")
+    monkeypatch.setattr(world, "LOADING", "import json")
     monkeypatch.setattr(renderer, "probe", lambda: LAVAPIPE)
 
 
@@ -32,11 +32,18 @@ def test_a_healthy_machine_exits_with_0_and_all_is_well(capsys):
 
 
 @pytest.mark.usefixtures("healthy")
-def test_a_missing_simulator_is_refused_with_exit_code_3(monkeypatch, capsys):
-    monkeypatch.setattr(machine, "import_problem", lambda: "ImportError: no libGL")
+@pytest.mark.parametrize(
+    ("imports", "problem"),
+    [
+        ("import unheard_of", "ModuleNotFoundError: No module named 'unheard_of'"),
+        ("import os; os.abort()", "it crashed with signal 6"),
+    ],
+)
+def test_a_simulator_that_is_missing_or_crashes_is_refused_with_exit_code_3(monkeypatch, imports, problem, capsys):
+    monkeypatch.setattr(world, "LOADING", imports)
     row = rows(capsys, code=3)["simulator"]
     assert row["verdict"] == "refuse"
-    assert row["found"].endswith(": ImportError: no libGL")
+    assert row["found"].endswith(f": {problem}")
 
 
 @pytest.mark.usefixtures("healthy")
@@ -45,19 +52,6 @@ def test_no_renderer_is_a_warning_that_says_what_still_runs(monkeypatch, capsys)
     row = rows(capsys)["renderer"]
     assert (row["found"], row["verdict"]) == ("Vulkan finds no device", "warn")
     assert "(expert, pinhole) run" in row["follows"]
-
-
-@pytest.mark.parametrize(
-    ("imports", "problem"),
-    [
-        ("import json", ""),
-        ("import unheard_of", "ModuleNotFoundError: No module named 'unheard_of'"),
-        ("import os; os.abort()", "it crashed with signal 6"),
-    ],
-)
-def test_an_import_that_crashes_is_a_problem_and_not_a_crash(monkeypatch, imports: str, problem: str):
-    monkeypatch.setattr(machine, "_IMPORT", imports)
-    assert machine.import_problem() == problem
 
 
 def test_rows_are_printed_as_they_become_known_and_stay_when_interrupted(monkeypatch, capsys):

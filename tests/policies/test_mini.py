@@ -118,7 +118,7 @@ def test_an_observation_without_a_picture_is_refused():
 def test_the_default_is_mini_where_something_renders_and_pinhole_where_nothing_does(monkeypatch):
     for problem, name in ((None, "mini"), ("no device", "pinhole")):
         found = Renderer(None, None, problem)
-        monkeypatch.setattr("vlafuzz.worlds.tabletop.world.probe_once", lambda found=found: found)
+        monkeypatch.setattr("vlafuzz.worlds.tabletop.renderer.probe_once", lambda found=found: found)
         assert default_policy() == name
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from vlafuzz.common import assets
 from vlafuzz.common.check import Check
+from vlafuzz.common.child import tried
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.model import Conditions, Rejection, Scene, Solver, Space, Task
@@ -20,6 +21,7 @@ from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_oper
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
 from vlafuzz.worlds.manipulation.space import TableWorld
 from vlafuzz.worlds.provenance import versions
+from vlafuzz.worlds.tabletop import renderer
 from vlafuzz.worlds.tabletop.evaluator import TabletopEvaluator
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
@@ -29,10 +31,11 @@ from vlafuzz.worlds.tabletop.objects import Pack, load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, packs_json, stored_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.objects.packs import packs_of
-from vlafuzz.worlds.tabletop.renderer import check_renderer, probe_once
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
 from vlafuzz.worlds.tabletop.tasks import TASKS, task as task_named
 from vlafuzz.worlds.tabletop.vlatest import read_vlatest
+
+LOADING = "import mani_skill.envs"  # with all that it needs, such as sapien and torch
 
 
 class Tabletop(TableWorld):
@@ -53,7 +56,7 @@ class Tabletop(TableWorld):
         return "/".join(f"{package} {installed.get(package)}" for package in ("vlafuzz", "mani_skill", "sapien"))
 
     def renderer(self) -> str:
-        return probe_once().name
+        return renderer.probe_once().name
 
     def has(self, task: str) -> bool:
         return task in TASKS
@@ -63,7 +66,7 @@ class Tabletop(TableWorld):
 
     def default_policy(self, robot: str) -> str:
         """``mini`` where its robot's pictures can be rendered, else ``pinhole``, which needs physics only."""
-        return "mini" if robot == PANDA.robot and probe_once().works else "pinhole"
+        return "mini" if robot == PANDA.robot and renderer.probe_once().works else "pinhole"
 
     def simulated(self) -> type[TabletopEvaluator]:
         """The class that runs a policy in scenes. This loads the simulator, which takes seconds."""
@@ -79,7 +82,7 @@ class Tabletop(TableWorld):
         return {"packs": packs_json(packs_of(placement.object for placement in scene.placements))}
 
     def check_pictures(self) -> None:
-        check_renderer()
+        renderer.check_renderer()
 
     def space_of(self, task: str, robot: str, operators: OperatorSet, packs: Sequence[Any]) -> SearchSpace:
         setup = rig(robot)
@@ -113,9 +116,21 @@ class Tabletop(TableWorld):
         return TabletopDemonstrator(interface)
 
     def machine(self) -> Iterator[Check]:
-        from vlafuzz.worlds.tabletop.machine import checks
-
-        return checks()
+        """The simulator's packages, and what draws pictures; this takes some seconds, mostly for loading them."""
+        found = ", ".join(f"{package} {version}" for package, version in versions().items() if package != "vlafuzz")
+        _, problem = tried(LOADING, 180.0)
+        if problem:
+            lost = "no scene can be simulated; hint: run scripts/setup"
+            yield Check("simulator", f"{found}: {problem}", "refuse", lost)
+        else:
+            yield Check("simulator", found)
+        probed = renderer.probe()
+        if probed.works:
+            software = "llvmpipe" in (probed.device or "")
+            yield Check("renderer", probed.name, "ok", "in software: pictures cost more than physics" * software)
+        else:
+            lost = "policies without camera (expert, pinhole) run; pictures, videos and policies that see do not"
+            yield Check("renderer", probed.problem or "", "warn", f"{lost}; hint: {renderer.HINT}")
 
     def open_packs(self, folders: Sequence[str], watch: Watch) -> tuple[Pack, ...]:
         """The packs in these folders, measured."""
