@@ -29,15 +29,10 @@ class Pendulum(GymWorld):
         return gymnasium.make("Pendulum-v1")
 
     def start(self, env, values, seed):
-        _, info = env.reset(seed=seed)
+        _, info = super().start(env, values, seed)
         base = env.unwrapped
-        base.m, base.l, base.g, base.max_torque = (values[name] for name in ("mass", "length", "gravity", "torque"))
         base.state = np.array([np.radians(values["angle"]), values["speed"]])
         return base._get_obs(), info
-
-    def applied(self, now):
-        base = now.env.unwrapped
-        return {"mass": base.m, "length": base.l, "gravity": base.g, "torque": base.max_torque}
 
     def picture(self, now):
         (cos, sin, _), shown = now.observation, np.full((200, 200, 3), 255, np.uint8)

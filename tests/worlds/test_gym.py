@@ -100,6 +100,52 @@ def test_a_rollout_ends_where_the_environment_does():
     assert len(rollout.actions) < 20
 
 
+class Arm:
+    """As MuJoCo's model has its bodies: by name, each with arrays."""
+
+    def __init__(self):
+        self.bodies = {"hand": np.array([2.0, 3.0, 0.0])}
+        self.gravity = np.array([0.0, 0.0, -9.81])
+
+    def body(self, name):
+        return self.bodies[name]
+
+
+def armed(*sets: str, unit: str = ""):
+    """A world with one value more, which has no code."""
+
+    class Armed(Carts):
+        parameters = (*Carts.parameters, Parameter("value", 0.5, 2.0, nominal=1.0, step=0.1, unit=unit, sets=sets))
+
+        class env(Cart):  # noqa: N801
+            def __init__(self):
+                self.arm, self.mass = Arm(), 2.0
+
+    return Armed()
+
+
+@pytest.mark.parametrize(
+    ("sets", "unit", "arm"),
+    [
+        (["arm/body/hand"], "×", ([3.0, 4.5, 0.0], -9.81)),
+        (["arm/body/hand"], "kg", ([1.5, 1.5, 1.5], -9.81)),
+        (["arm/body/hand/1", "arm/gravity/2"], "×", ([2.0, 4.5, 0.0], -14.715)),
+    ],
+)
+def test_a_value_sets_what_its_parameter_says_and_is_read_back(sets, unit, arm):
+    world = armed(*sets, unit=unit)
+    nominal = dict(space(world).nominal().values)
+    for value in (0.5, 1.5):  # factors are of what there was at first
+        now = world.reset(nominal | {"value": value}, 0)
+    assert (now.env.arm.bodies["hand"].tolist(), now.env.arm.gravity[2]) == (arm[0], pytest.approx(arm[1]))
+    assert world.applied(now) == {"value": pytest.approx(1.5)}
+
+
+def test_a_value_that_sets_nothing_there_is_named_in_a_sentence():
+    with pytest.raises(UsageError, match=r"sets: arm/body/foot: the environment has none: 'foot'"):
+        armed("arm/body/foot").reset({}, 0)
+
+
 def test_observations_may_be_nested_and_pictures_in_them_are_no_numbers():
     class Nested(Cart):
         def seen(self):
@@ -229,6 +275,7 @@ def example(name: str):
     [
         ("gymnasium", "pendulum", "Pendulum", ["swing-up"]),
         ("mani_skill", "maniskill", "ManiSkill", ["pick-cube", "stack-cube", "push-cube"]),
+        ("gymnasium_robotics", "fetch", "Fetch", ["push"]),
         ("metaworld", "meta_world", "MetaWorld", ["reach-v3", "push-v3", "pick-place-v3", "soccer-v3", "push-wall-v3"]),
     ],
 )

@@ -5,7 +5,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import metadata
 from math import prod
 from operator import le
@@ -55,7 +55,7 @@ class Now(NamedTuple):  # is made at each step, in a quarter of the time of a fr
 class GymWorld(ValuesWorld[Now]):
     """A world whose rollouts happen in an environment of gymnasium.
 
-    A subclass has ``tasks``, ``parameters``, ``make`` and ``apply``, and may have the other methods of the first part.
+    A subclass has ``tasks``, ``parameters`` and ``make``, and may have the other methods of the first part.
     Stages other than success alone are ``Stage``s by the ``Now``.
 
     Attributes:
@@ -69,18 +69,36 @@ class GymWorld(ValuesWorld[Now]):
     packages: Sequence[str] = ()
     _task: str = ""
     _env: Env | None = None
+    _usual: Mapping[str, Any]
 
     def make(self, task: str) -> Env:
         """The environment of a task; with ``render_mode="rgb_array"`` for pictures."""
         raise UsageError(f"{type(self).__name__} makes no environment", hint="define make(task)")
 
     def apply(self, env: Env, values: Mapping[str, Value]) -> None:
-        """Set the values in an environment before its reset, which also gets them as ``options``."""
+        """Set the values in an environment before its reset, which also gets them as ``options``.
+
+        By default each parameter sets what its ``sets`` say, by attributes, indices and names: ``model/body/cube/mass``
+        is ``model.body("cube").mass``. With the unit × it multiplies what the environment had when it was made.
+        """
+        for one in self.parameters:
+            for path in one.sets:
+                _write(env, path, values[one.name] * self._usual[path] if one.unit == "×" else values[one.name])
 
     def start(self, env: Env, values: Mapping[str, Value], seed: int) -> tuple[Any, Mapping[str, Any]]:
         """Reset an environment to a scene, as ``env.reset`` does; here is what has to be set after it."""
         self.apply(env, values)
         return env.reset(seed=seed, options=dict(values))
+
+    def applied(self, now: Now) -> Mapping[str, Value]:
+        """The values read back from the environment: by default of the parameters that have ``sets``."""
+        told = dict[str, Value]()
+        for one in (one for one in self.parameters if one.sets):
+            usual, there = np.ravel(self._usual[one.sets[0]]), np.ravel(_read(now.env, one.sets[0]))
+            first = np.argmax(usual != 0)  # of several numbers, one that a factor changes
+            number = there[first].item()
+            told[one.name] = number / usual[first] if one.unit == "×" else number
+        return told
 
     def success(self, now: Now) -> bool:
         """Whether the task is solved; by default what ``info`` says."""
@@ -233,13 +251,42 @@ class GymWorld(ValuesWorld[Now]):
     def _kept(self) -> Env:
         """The environment that is there, or else made."""
         if self._env is None:
-            self._env = self.make(self._name)
+            self._env = env = self.make(self._name)
+            self._usual = {path: copy(_read(env, path)) for one in self.parameters for path in one.sets}
         return self._env
 
     def _ready(self) -> Env:
         if self.fresh:
             self.close()
         return self._kept
+
+
+def _read(env: Env, path: str) -> Any:
+    """What an environment has at a path, see ``GymWorld.apply``."""
+    held: Any = env
+    try:
+        for name in path.split("/"):
+            if isinstance(held, np.ndarray):
+                held = held[int(name)]
+            elif isinstance(held, gymnasium.Env):
+                held = held.get_wrapper_attr(name)
+            else:
+                held = held(name) if callable(held) else getattr(held, name)
+    except (AttributeError, KeyError, ValueError, IndexError, TypeError) as error:
+        problem = f"sets: {path}: the environment has none: {error}"
+        raise UsageError(problem, hint="attributes, indices and names, such as model/body/cube/mass") from None
+    return held
+
+
+def _write(env: Env, path: str, value: Any) -> None:
+    way, _, last = path.rpartition("/")
+    held, now = _read(env, way) if way else env, _read(env, path)
+    if isinstance(now, np.ndarray):
+        now[...] = value
+    elif isinstance(held, np.ndarray):
+        held[int(last)] = value
+    else:
+        getattr(held, "set_wrapper_attr", partial(setattr, held))(last, value)
 
 
 def fitted(space: spaces.Space[Any], action: Array) -> Any:

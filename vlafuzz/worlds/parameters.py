@@ -30,7 +30,7 @@ Value = float | str
 PREFIX = "values."  # of a gene's path
 LEVELS = 40  # of a range, at least, where a file says no step: 1, 2 or 5 in the last digit
 _NAME = re.compile(r"[a-z][a-z0-9_-]*")
-_LATER = ("kind", "unit", "group")  # left out of stored ranges at their defaults, which keeps older ones equal
+_LATER = ("kind", "unit", "group", "sets")  # left out of stored ranges at their defaults, which keeps older ones equal
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ class Parameter:
         kind: ``integer`` for whole numbers, ``angle`` for degrees on the whole circle.
         unit: written behind the number.
         group: the operator that it is part of; parameters of one group vary, and are reset, together.
+        sets: what it sets in an environment of gymnasium, see ``GymWorld.apply``.
 
     Raises:
         UsageError: the numbers are no range with nominal in it.
@@ -60,6 +61,7 @@ class Parameter:
     kind: Kind = "real"
     unit: str = ""
     group: str = ""
+    sets: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name) or not _NAME.fullmatch(self.operator):
@@ -159,9 +161,11 @@ class _Entry(BaseModel):
     says: Text = ""
     unit: Text = ""
     group: Text = ""
+    sets: Text | tuple[Text, ...] = ()
 
     def parameter(self, name: str) -> Parameter:
         said = self.model_dump(include={"says", "unit", "group"})
+        said["sets"] = (self.sets,) if isinstance(self.sets, str) else self.sets
         if self.options or self.kind == "category":
             if len(self.options) < 2 or self.range or self.nominal is not None:
                 problem = f"{name}: a category has two or more options and no numbers"
