@@ -142,6 +142,14 @@ def test_a_page_shows_each_cause_with_the_rollouts_of_both_policies(monkeypatch,
     assert films[2] == ["idle: fails at grasp", "pinhole: passes"]
 
 
+def test_two_stores_of_one_policy_are_told_apart_by_their_names_on_the_page(capsys):
+    write_corpus(replace(make_corpus(*map(bright, range(4))), runs=[replace(MANIFEST, policy="idle")]), Path("later"))
+    typed(capsys, "diff old later --policy-b pinhole --no-videos --out page.html")
+    page = Path("page.html").read_text(encoding="utf-8")
+    assert re.findall(r'<p class="of">(.*?)</p>', page) == ["idle on pick-up, old", "idle on pick-up, later"]
+    assert {"idle on pick-up, old", "idle on pick-up, later"} <= set(re.findall(r'"title": ?"(.*?)"', page))
+
+
 def test_a_store_without_certified_causes_still_says_which_policy_to_try(tmp_path: Path, capsys):
     stored(tmp_path / "b.db", ended(Planted([TILTED]).finding(0)), about=replace(MANIFEST, policy="pinhole"))
     printed = diff("old", "b.db", capsys=capsys)

@@ -41,6 +41,12 @@ def test_too_few_repeats_are_said_to_be_so_whatever_they_show():
     assert "3 repeats are too few to tell, p is never below 1; 8 could (6.5x (" in pair.verdict
 
 
+def test_a_single_repeat_is_said_in_the_singular():
+    pair = first(against(runs(random=[1], mine=[9]), "random"))
+    assert "1 repeat is too few to tell" in pair.verdict
+    assert "of 1 pair)" in pair.verdict
+
+
 def test_where_the_reference_finds_nothing_there_is_no_ratio():
     pair = first(against(runs(random=[0] * 10, mine=CLEAR["mine"]), "random"))
     assert pair.ratio is None

@@ -72,5 +72,5 @@ class MadeUpFilms:
             stages=stages,
             lost=lost,
             size=(64, 64),
-            paths=((0, ((9, 9), (30 + 9 * failed, 40))),),
+            paths=((0, ((9, 9), (30 + 9 * failed, 40))), (8, ((12, 9), (33 + 9 * failed, 40)))),
         )

@@ -163,6 +163,13 @@ def test_everything_that_can_be_clicked_can_be_reached_by_keyboard(page: "sync.P
         assert any(one.startswith(part) for one in reached), part
 
 
+def test_the_hand_s_path_is_that_of_the_camera_that_the_film_shows_at_the_moment(page: "sync.Page"):
+    slider, paths = page.get_by_label("Moment in the films of").first, page.locator(".films .paths").first.locator("g")
+    for frame, visible in (("3", [True, False]), ("9", [False, True]), ("0", [True, False])):
+        slider.fill(frame)
+        assert [one.is_visible() for one in paths.all()] == visible
+
+
 def test_dragging_along_a_row_of_lines_chooses_a_range_of_its_axis(page: "sync.Page"):
     plot = page.locator(".plot", has_text="a line each")
     plot.scroll_into_view_if_needed()

@@ -183,10 +183,11 @@ def _sentence(pair: Pair) -> str:
     size, ratio = "", pair.ratio
     if ratio and ratio.low is not None:
         size = f"{ratio.value:.2g}x ({ratio.low:.2g} to {ratio.high:.2g}), "
-    size += f"more in {pair.test.more} and fewer in {pair.test.fewer} of {pair.repeats} pairs"
+    size += f"more in {pair.test.more} and fewer in {pair.test.fewer} of {plural(pair.repeats, 'pair')}"
     if (least := pair.tests * stats.smallest_p(pair.repeats)) > ALPHA:
         need = stats.pairs_needed(pair.tests, ALPHA)
-        few = f"{pair.repeats} repeats are too few to tell, p is never below {_shown(min(1.0, least))}; {need} could"
+        few = "1 repeat is" if pair.repeats == 1 else f"{pair.repeats} repeats are"
+        few += f" too few to tell, p is never below {_shown(min(1.0, least))}; {need} could"
         return f"{measure} beside {pair.other}: {few} ({size})"
     numbers = f"{size}, p {_shown(pair.p_holm)} after Holm over {pair.tests} tests"
     if pair.p_holm > ALPHA:

@@ -1,5 +1,6 @@
 """The view of two policies: which causes are fixed, which remain, and which are new."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
@@ -19,17 +20,30 @@ MEANS: Mapping[Standing, str] = {
 
 
 def view_of_difference(first: View, second: View, result: Difference) -> View:
-    """A card for each cause, new ones first, among the scenes of both stores or corpora, which have these views."""
-    views = first, second
+    """A card for each cause, new ones first, among the scenes of both stores or corpora, which have these views.
+
+    What both call alike has the name of its store or corpus behind it.
+    """
+    views = (first,) if first.source == second.source else (first, second)
+    names = Counter(
+        name for view in views for name in {one.name for one in view.heads} | {one.title for one in view.plots}
+    )
+
+    def named(name: str, view: View) -> str:
+        return f"{name}, {view.source}" if names[name] > 1 else name
+
+    plots = {plot: replace(plot, title=named(plot.title, view)) for view in views for plot in view.plots}
+    heads = [head._replace(name=named(head.name, view)) for view in views for head in view.heads]
+    cards = (replace(card, plot=card.plot and plots.get(card.plot)) for card in _cards(result, first, second))
     counts = [f"{len(found)} {standing}" for standing in ORDER if (found := result.of(standing))]
     says = f"Causes of failure in {result.second}, compared with {result.first}: {', '.join(counts)}."
     title = f"{result.first} → {result.second}"
     return View(
         title=title,
         source=f"{first.source}, {second.source}",
-        heads=(Head(title, says), *(head for view in views for head in view.heads)),
-        causes=tuple(_cards(result, *views)),
-        plots=tuple(plot for view in views for plot in view.plots),
+        heads=(Head(title, says), *heads),
+        causes=tuple(cards),
+        plots=tuple(plots.values()),
         runs=tuple(run for view in views for run in view.runs),
         tables=(Table("Causes of both policies", difference_rows(result), f"{result.verdict}."),),
     )
