@@ -242,13 +242,6 @@ class InstructionChange(Event):
 
 
 @dataclass(frozen=True)
-class TargetSwitch(Event):
-    """The instruction is about another thing from then on: one of its kind that a task's own states have."""
-
-    to: Literal["same", "first", "second", "third"] = "same"
-
-
-@dataclass(frozen=True)
 class Newcomer(Event):
     """One of the confounders is not there before: it is put down where it belongs, as soon as there is room."""
 
@@ -288,7 +281,7 @@ class Scene(_Strict):
     instruction_change: InstructionChange = field(default=InstructionChange(), metadata=_EXTRA)
     newcomer: Newcomer = field(default=Newcomer(), metadata=_EXTRA)
     target_knock: TargetTopple = field(default=TargetTopple(), metadata=_EXTRA)
-    target_switch: TargetSwitch = field(default=TargetSwitch(), metadata=_EXTRA)
+    target_switch: InstructionChange = field(default=InstructionChange(), metadata=_EXTRA)  # among a state's own things
     exposure: Exposure = field(default=Exposure(), metadata=_EXTRA)
     values: Annotated[tuple[tuple[Text, Real | Text], ...], Field(max_length=MOST)] = _later(())
 

@@ -21,7 +21,6 @@ from vlafuzz.model.scene import (
     Newcomer,
     Slide,
     Start,
-    TargetSwitch,
     TargetTopple,
 )
 from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec
@@ -227,7 +226,7 @@ class TestEvaluator:
         assert np.ptp(places, axis=0).max() < 0.001  # metres, from a quarter of a second after it on
 
     def test_whoever_is_told_of_another_thing_lets_the_first_one_go_and_brings_that(self, soup, varied):
-        scene = replace(varied.nominal(), target_switch=TargetSwitch("grasp", "second"))
+        scene = replace(varied.nominal(), target_switch=InstructionChange("grasp", "second"))
         usual, solved = soup.evaluate([varied.nominal(), scene])
         assert (solved.verdict, solved.rollouts[0].reached) == (Verdict.PASSED, ("reach", "grasp", "move", "goal"))
         told = soup.begin(scene, 0)
@@ -362,12 +361,14 @@ class TestVariedEvaluator:
             ),
             (
                 lambda one: replace(
-                    one, target_switch=TargetSwitch("grasp", "first"), instruction_change=InstructionChange(to="stop")
+                    one,
+                    target_switch=InstructionChange("grasp", "first"),
+                    instruction_change=InstructionChange(to="stop"),
                 ),
                 "semantic: target-switch: with instruction_change, nobody could say",
             ),
             (
-                lambda one: moved(replace(one, target_switch=TargetSwitch(to="first")), "salad_dressing_1", x=0.5),
+                lambda one: moved(replace(one, target_switch=InstructionChange(to="first")), "salad_dressing_1", x=0.5),
                 "geometry: salad_dressing_1 is .* m from the robot",
             ),
             (lambda one: replace(one, start=Start(50)), "semantic: .* has 50 initial states, not 51"),

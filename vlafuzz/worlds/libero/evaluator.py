@@ -11,7 +11,7 @@ from PIL import Image
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import UsageError
 from vlafuzz.model import Conditions, Monitor, Rejection, Scene
-from vlafuzz.model.scene import InstructionChange, TargetSwitch
+from vlafuzz.model.scene import InstructionChange
 from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import release
 from vlafuzz.worlds.episode import DelayedCommands, Episode, SensorNoise
@@ -94,10 +94,10 @@ class LiberoEpisode(Episode):
                 len(self.actions) - 1, self.monitor.progress, partial(self._setting.let_in, self.scene)
             ):
                 self._setting.happen(self.scene, event)
-                if isinstance(event, InstructionChange):
+                if isinstance(event, InstructionChange) and event.to == STOP:
                     self._instruction, left = STOP, self._last - len(self.actions) + 1
                     self.monitor.cancel(cancelled(self.monitor.stages, looked_at, self.hz, left))
-                elif isinstance(event, TargetSwitch):
+                elif isinstance(event, InstructionChange):
                     self._instruction, self._moment = self._env.task.instruction, Moment(self._env)
                     self.monitor.begin_anew()
             due, slides = events.executed(due), events.slides()

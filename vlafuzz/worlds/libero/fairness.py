@@ -99,8 +99,8 @@ def _unknown(nominal: Scene, scene: Scene) -> str | None:
         return f"instruction-change: it names no other thing in {nominal.task}"
     if problem := impossible(scene):
         return problem
-    if scene.target_switch.to in NUMBERS:
-        if not switches(find_task(scene.task)):
+    if scene.target_switch.to != "same":
+        if scene.target_switch.to not in NUMBERS or not switches(find_task(scene.task)):
             return f"target-switch: nothing else of its class stands there in {scene.task}"
         moves = {"target_slide", "target_knock"} if scene.target_switch.when == "start" else set[str]()
         if with_it := scene.events.keys() & {"instruction_change", *moves}:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.common.arrays import Array
 from vlafuzz.errors import SceneError
 from vlafuzz.model import Camera, Placement, Scene
-from vlafuzz.model.scene import CameraBump, Event, GripWeak, LightSwitch, TargetSwitch, TargetTopple
+from vlafuzz.model.scene import CameraBump, Event, GripWeak, InstructionChange, LightSwitch, TargetTopple
 from vlafuzz.worlds.events import NUMBERS, has_room, lit, newcomer, turned, without
 from vlafuzz.worlds.libero.casts import cast, switches
 from vlafuzz.worlds.libero.env import LiberoEnv
@@ -103,7 +103,7 @@ class Setting:
             self._light(exposed(lit(scene, event)).light.intensity)
         elif isinstance(event, GripWeak):
             self._grip(event.force)
-        elif isinstance(event, TargetSwitch):
+        elif isinstance(event, InstructionChange) and event.to in NUMBERS:
             self.env.task = switches(self.env.task)[NUMBERS[event.to] - 1]
         elif isinstance(event, TargetTopple):
             self._lay(self.env.data.qpos.copy(), scene.targets[0].object)
@@ -169,11 +169,9 @@ class Setting:
         before = np.concatenate([triangles(env, int(geom)).reshape(-1, 3) for geom in env.away.shapes[name]]) - place
         nearer = env.robosuite.robots[0].base_pos - place
         ways = [math.copysign(1.0, axis @ nearer) * axis for axis in axes if abs(axis[2]) < 0.5]
-        turns = [Rotation.from_rotvec(math.pi / 2 * np.cross([0.0, 0.0, 1.0], way)) for way in ways]
-        after, way, turn = min(
-            ((turn.apply(before), way, turn) for way, turn in zip(ways, turns, strict=True)),
-            key=lambda fall: np.ptp(fall[0][:, 2]),
-        )
+        turns = (Rotation.from_rotvec(math.pi / 2 * np.cross([0.0, 0.0, 1.0], way)) for way in ways)
+        falls = ((turn.apply(before), way, turn) for way, turn in zip(ways, turns, strict=True))
+        after, way, turn = min(falls, key=lambda fall: np.ptp(fall[0][:, 2]))
         if np.ptp(after[:, 2]) > np.ptp(before[:, 2]) - LOWER:
             raise SceneError(f"target-knock: {name} cannot fall over")
         own = Rotation.from_quat(positions[at + 3 : at + 7], scalar_first=True)
