@@ -12,7 +12,6 @@ import typer
 
 from vlafuzz.cli.flags import (
     AlphaFlag,
-    ExecutorFlag,
     JsonFlag,
     LabelFlag,
     TimeFlag,
@@ -210,7 +209,6 @@ def confirm(
     source: Annotated[Path, typer.Argument(help="A store that `vlafuzz triage` worked on, or a corpus.")],
     world: Annotated[str, option("The other world, which has the same tasks.", "none")],
     workers: WorkersFlag = None,
-    executor: ExecutorFlag = None,
     trust: TrustFlag = False,
     json: JsonFlag = False,
 ) -> None:
@@ -225,7 +223,7 @@ def confirm(
 
     check_number("--workers", workers, 1)
     with interruptible("interrupted: the same command goes on where it was") as bar:
-        result = confirmed_in(source, world, bar, workers=workers, executor=executor)
+        result = confirmed_in(source, world, bar, workers)
     if json:
         print_json(asdict(result))
     else:

@@ -25,7 +25,7 @@ from vlafuzz.failures.triage.oracle import LEAD, MOST, Answer, Oracle
 from vlafuzz.model import Conditions, Rate, Scene, Space, Verdict
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.rollouts.crew import crew_at
-from vlafuzz.rollouts.registry import default_workers, place_of
+from vlafuzz.rollouts.registry import Place, default_workers
 from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Judged, Repeats
 from vlafuzz.worlds import task_in, world_of
@@ -82,15 +82,13 @@ class Confirmation:
         return "; ".join(filter(None, [f"{held}, {rest}" if self.causes else "", self.unfit]))
 
 
-def confirm(
-    source: Path, world: str, watch: Watch = SILENT, *, workers: int | None = None, executor: str | None = None
-) -> Confirmation:
+def confirm(source: Path, world: str, watch: Watch = SILENT, workers: int | None = None) -> Confirmation:
     """Roll the policy out in another world, nominally and then where it is certified to fail and beside that.
 
     What an interruption leaves is kept in the cache: the next call on this machine goes on from there.
 
     Args:
-        workers, executor: where it rolls out; by default as `vlafuzz triage` does. Results do not depend on it.
+        workers: processes; by default as many as `vlafuzz triage` takes. Results do not depend on it.
 
     Raises:
         StoreError: nothing is certified.
@@ -102,8 +100,7 @@ def confirm(
     if not causes:
         raise StoreError(f"{source}: it has no certified cause", hint="`vlafuzz triage` certifies those of a store")
     runs = {one.run.key(seeded=False): one.run for one in causes}
-    usual = 1 if executor == "local" else min(default_workers(run.policy) for run in runs.values())
-    place = place_of(workers or usual, executor)
+    place = Place(workers or min(default_workers(run.policy) for run in runs.values()))
     nominal, confirmed = dict[str, Rate](), list[Confirmed]()
     with _continued(world, *runs) as rolled:
         for key, run in runs.items():
