@@ -18,10 +18,11 @@ TASKS = {
     "pick-cube": ("PickCube-v1", "cube", "goal_site", 0.15),
     "stack-cube": ("StackCube-v1", "cubeA", "cubeB", 0.02),
     "push-cube": ("PushCube-v1", "obj", "goal_region", 0.001),
+    "pull-cube": ("PullCube-v1", "obj", "goal_region", 0.001),
 }
 REST = np.array([0, np.pi / 8, 0, -np.pi * 5 / 8, 0, np.pi * 3 / 4, np.pi / 4, 0.04, 0.04])  # joints of a Panda
 ABOVE, BEFORE = np.array([0, 0, 0.08]), np.array([0.06, 0, 0])  # metres
-LYING = np.sqrt([0.5, 0, 0.5, 0]) * [1, 1, -1, 1]  # the goal of push-cube is a disc
+LYING = np.sqrt([0.5, 0, 0.5, 0]) * [1, 1, -1, 1]  # the goal of push-cube and pull-cube is a disc
 
 
 class ManiSkill(GymWorld):
@@ -52,8 +53,9 @@ class ManiSkill(GymWorld):
         x, y, half = values["object-x"] / 100, values["object-y"] / 100, np.radians(values["turn"]) / 2
         thing, goal = getattr(base, thing), getattr(base, goal)
         thing.set_pose(Pose.create(sapien.Pose([x, y, 0.02], [np.cos(half), 0, 0, np.sin(half)])))
-        lying = LYING if env.env.task == "push-cube" else [1, 0, 0, 0]
-        goal.set_pose(Pose.create(sapien.Pose([x + values["distance"] / 100, y, height], lying)))
+        lying = LYING if height < 0.01 else [1, 0, 0, 0]
+        x += values["distance"] / 100 * (-1 if env.env.task == "pull-cube" else 1)
+        goal.set_pose(Pose.create(sapien.Pose([x, y, height], lying)))
         body = thing._objs[0].find_component_by_type(PhysxRigidDynamicComponent)
         body.mass *= values["mass"]
         for shape in body.collision_shapes:
@@ -67,7 +69,7 @@ class ManiSkill(GymWorld):
         return float(np.clip(1 - np.linalg.norm(goal - thing) / 0.3, 0, 1))
 
     def solve(self, now):
-        return push(now.observation) if now.task == "push-cube" else pick(now.observation)
+        return push(now.observation) if now.task in ("push-cube", "pull-cube") else pick(now.observation)
 
 
 class Drawn(ManiSkill):
@@ -99,11 +101,12 @@ def pick(seen, hurry=1.0):
 
 
 def push(seen):
-    """Goes behind the object, down, and pushes it to the goal."""
+    """Goes behind the object, down, and pushes it to the goal, which is beyond it or nearer."""
     hand, thing, goal = places(seen)
-    behind = thing - hand - BEFORE
-    if behind[0] > -0.03 and np.linalg.norm(behind[1:]) < 0.01:
-        return act([(goal - thing)[0] * 0.5 + 0.02, behind[1], 0], -1)
+    side = np.sign((goal - thing)[0])
+    behind = thing - hand - side * BEFORE
+    if side * behind[0] > -0.03 and np.linalg.norm(behind[1:]) < 0.01:
+        return act([(goal - thing)[0] * 0.5 + side * 0.02, behind[1], 0], -1)
     return act(behind if abs(behind[0]) < 0.02 else behind + ABOVE, -1)
 
 
