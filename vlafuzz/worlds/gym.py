@@ -186,23 +186,19 @@ class GymWorld(ValuesWorld[Now]):
 
     def reset(self, values: Mapping[str, Value], seed: int) -> Now:
         env = self._ready()
-        return self._begun(env, self.start(env, values, seed), values, seed)
+        return Now(env, self._name, values, seed, *self.start(env, values, seed))
 
     def own_start(self, seed: int) -> Now | None:
         if not self.has_own_start:
             return None
         env = self._ready()
-        return self._begun(env, env.reset(seed=seed), {}, seed)
-
-    def _begun(self, env: Env, began: tuple[Any, Mapping[str, Any]], values: Mapping[str, Value], seed: int) -> Now:
-        observation, info = began
-        return Now(env=env, task=self._name, values=values, seed=seed, observation=observation, info=info)
+        return Now(env, self._name, {}, seed, *env.reset(seed=seed))
 
     def step(self, state: Now, action: Array) -> Now:
         fitting = fitted(self.space_of_actions, action)
         observation, reward, terminated, truncated, info = state.env.step(fitting)
-        env, task, values, seed, steps = *state[:4], state.steps + 1
-        return Now(env, task, values, seed, observation, info, float(reward), bool(terminated), bool(truncated), steps)
+        steps = state.steps + 1
+        return Now(*state[:4], observation, info, float(reward), bool(terminated), bool(truncated), steps)
 
     def observe(self, state: Now) -> Array:
         """All numbers of the observation, pictures left out."""
