@@ -35,7 +35,7 @@ from vlafuzz.model import Scene, Threshold
 from vlafuzz.search import registry
 from vlafuzz.search.base import Strategy, looks_for_causes, said_by
 from vlafuzz.search.scoring import Score
-from vlafuzz.store.records import Finding, Repeats, Triaged
+from vlafuzz.store.records import Finding, FoundCause, Repeats, Triaged
 from vlafuzz.worlds.tabletop.space import SearchSpace
 
 EFFECT = 0.2  # by which a reset lowers the rate where a row is true
@@ -72,18 +72,22 @@ def run(job: Job) -> Row:
             tried, certifier.left = tried + more, certifier.left - len(more)
             certifier.certify(listed(strategy, space), tried)
     else:
-        certifier.certify(dict.fromkeys(cells_first([pair for pair in tried if pair[1].failed]), ()), tried)
+        failing = cells_first([pair for pair in tried if pair[1].failed])
+        certifier.certify({scene: FoundCause(scene, (), 1) for scene in failing}, tried)
     scenes = listed(strategy, space)
-    true = [is_true(here, scene, operators) for scene, operators in scenes.items()]
+    true = [is_true(here, scene, cause.operators) for scene, cause in scenes.items()]
     faults = {met[0] for scene in scenes if len(met := here.met(scene)) == 1}
     rows: Row = {"rows": len(scenes), "true": sum(true), "faults": len(faults), "planted": len(here.faults)}
     return rows | certifier.row()
 
 
-def listed(strategy: Strategy, space: SearchSpace) -> dict[Scene, tuple[str, ...]]:
-    """The operators of each cause so far by the scene that shows it, the commonest first."""
+def listed(strategy: Strategy, space: SearchSpace) -> dict[Scene, FoundCause]:
+    """Each cause so far by the scene that shows it, the commonest first."""
     causes = sorted(said_by(strategy, "causes", ()), key=lambda cause: -(cause.share.value if cause.share else 0))
-    return {space.decode(cause.genome): cause.operators for cause in causes}
+    scenes = {space.decode(cause.genome): cause for cause in causes}
+    return {
+        scene: FoundCause(scene, cause.operators, cause.failures, tests=cause.tests) for scene, cause in scenes.items()
+    }
 
 
 @dataclass
@@ -97,7 +101,7 @@ class Certifier:
     tried: set[Scene] = field(default_factory=set)
     repeats: Repeats = field(default_factory=dict)
 
-    def certify(self, scenes: Mapping[Scene, Sequence[str]], tried: Sequence[Tried]) -> None:
+    def certify(self, scenes: Mapping[Scene, FoundCause], tried: Sequence[Tried]) -> None:
         trials = [(scene, judged.failed) for scene, judged in tried]
         for scene in [scene for scene in scenes if scene not in self.tried]:
             if self.left <= 0:

@@ -36,7 +36,13 @@ def attribution(strategy: Strategy, space: Space, store: Store, run: int) -> Att
     listed: Sequence[Cause] = said_by(strategy, "causes", ())
     drawn = tuple(said_by(strategy, "at_random", ()))
     plain = [
-        FoundCause(_shown_by(cause, failures, space), cause.operators, cause.failures, _within(cause.share, overall))
+        FoundCause(
+            _shown_by(cause, failures, space),
+            cause.operators,
+            cause.failures,
+            _within(cause.share, overall),
+            tests=cause.tests,
+        )
         for cause in listed
     ]
     merged = mechanisms(space, listed, trials, drawn)

@@ -1,7 +1,7 @@
 """Strategy: proposes scenes. It sees numbers only: genomes out, scores in."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from vlafuzz.model import Space
@@ -32,12 +32,15 @@ class Cause:
         operators: that it takes, the confounders' as one: see ``triage.path.GROUPS``.
         failures: of the run that it explains, this scene's included.
         share: of random scenes that fail for this reason; None if it is not estimated.
+        tests: rollouts close to its scene since it was suspected, whether each failed: with its operators alone under
+            an empty name, and without one of them under the name of that.
     """
 
     genome: Genome
     operators: tuple[str, ...]
     failures: int
     share: Probability | None = None
+    tests: Mapping[str, tuple[bool, ...]] = field(default_factory=dict)
 
 
 class Strategy(Protocol):

@@ -24,6 +24,8 @@ STEPS: dict[int, tuple[str, ...]] = {
     25: ("ALTER TABLE rollout ADD COLUMN recovery INTEGER",),
     # A finding whose triage is interrupted begins anew.
     26: ("DROP TABLE repeat",),
+    # JSON: outcomes by operator.
+    27: ("ALTER TABLE cause ADD COLUMN tests TEXT NOT NULL DEFAULT '{}'",),
 }
 
 

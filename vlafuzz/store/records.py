@@ -91,6 +91,7 @@ class FoundCause:
         share: of random scenes that fail for this reason; None if unknown.
         mechanism: the quantity through which this cause and others act, of which it is the one that explains most
             failures; failures and share are those of all.
+        tests: of the run, which certify it, too: see ``search.base.Cause``.
     """
 
     scene: Scene | None
@@ -98,6 +99,7 @@ class FoundCause:
     failures: int
     share: Probability | None = None
     mechanism: Mechanism | None = None
+    tests: Mapping[str, tuple[bool, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ _OBJECT = TypeAdapter(dict[str, Any])
 _SETTINGS = TypeAdapter(dict[str, str | float | bool])
 _SOLVER: TypeAdapter[Solver] = TypeAdapter(Solver)
 _MECHANISM = TypeAdapter(Mechanism | None)
+_TESTS = TypeAdapter(dict[str, tuple[bool, ...]])
 _MANIFEST, _TRIAGED = TypeAdapter(Manifest), TypeAdapter(Triaged)
 # Columns of ``triage`` that hold a field as it is, of a scene its digest; those that hold one as JSON, and the parts of
 # ``causes``. The witness has columns of its own, and ``more`` has the other fields.
@@ -182,6 +183,7 @@ def cause_row(run: int, rank: int, cause: FoundCause) -> Row:
         "operators": json.dumps(cause.operators),
         "failures": cause.failures,
         "mechanism": _MECHANISM.dump_json(cause.mechanism).decode(),
+        "tests": json.dumps(cause.tests),
     } | _estimate("share", cause.share)
 
 
@@ -205,7 +207,8 @@ def _to_cause(row: sqlite3.Row) -> FoundCause:
     operators = _NAMES.validate_json(row["operators"])
     check_operators(Causes(), operators)
     mechanism = _MECHANISM.validate_json(row["mechanism"])
-    return FoundCause(scene, operators, row["failures"], _to_estimate(row, "share"), mechanism)
+    tests = _TESTS.validate_json(row["tests"])
+    return FoundCause(scene, operators, row["failures"], _to_estimate(row, "share"), mechanism, tests)
 
 
 def _to_estimate(row: sqlite3.Row, name: str) -> Probability | None:

@@ -22,6 +22,7 @@ SLACK = 0.2  # share of the way from the background to a failing scene's rate th
 MOST = 20  # rollouts to answer for a scene
 FAILURES_A_PASS = 5  # of a scene that holds
 MOST_TO_CERTIFY = 200  # rollouts to certify one
+FRESH = 2  # of them around the scene, and around each that it is compared with: those of the run are near by
 AT_ONCE = 4  # pairs that are rolled out together at most, for several workers: as many as suffice without chance
 
 
@@ -57,18 +58,20 @@ class Tally:
     Attributes:
         next: number of the next rollout, which its jitter and its seed depend on.
         losses: the stage that each rollout lost, in order; None where it passed.
+        earlier: whether each of some rollouts of the run failed, which count beside them.
     """
 
     scene: Scene
     next: int = 0
     losses: list[str | None] = field(default_factory=list)
+    earlier: Sequence[bool] = ()
     unfair: int = 0
     broken: int = 0
 
     @property
     def rollouts(self) -> int:
         """Those that passed or failed."""
-        return len(self.losses)
+        return len(self.earlier) + len(self.losses)
 
     @property
     def problem(self) -> Answer | None:
@@ -88,8 +91,8 @@ class Tally:
 
     def failures(self, stages: Iterable[str], first: int | None = None) -> int:
         """Rollouts that lost one of these stages, of all or of the first ones."""
-        counted = set(stages)
-        return sum(lost in counted for lost in self.losses[:first])
+        counted, left = set(stages), None if first is None else max(first - len(self.earlier), 0)
+        return sum(self.earlier[:first]) + sum(lost in counted for lost in self.losses[:left])
 
 
 class Oracle:
@@ -184,7 +187,7 @@ class Oracle:
 
     def rate(self, scene: Scene, stages: Sequence[str] | None = None) -> Rate:
         """Of the rollouts that gave a scene's answer."""
-        return self._rate(self._tally(scene), stages)
+        return Rate.of_counts(*self._counts(scene, stages))
 
     def contrasts(
         self, scene: Scene, others: Sequence[Scene], stages: Sequence[str] | None = None, *, most: int = MOST_TO_CERTIFY
@@ -198,8 +201,8 @@ class Oracle:
         tallies = [self._tally(other, CERTIFYING) for other in others]
 
         def needed(tally: Tally) -> int:
-            ends = map(until, tallies if tally is subject else [tally])
-            return max(max(ends, default=0) - tally.rollouts, 0)
+            end = max(map(until, tallies if tally is subject else [tally]), default=0)
+            return max(end - tally.rollouts, FRESH - len(tally.losses)) if end else 0
 
         def until(tally: Tally) -> int:
             """The pairs after which it is looked again whether it passes."""
@@ -218,13 +221,17 @@ class Oracle:
             for tally in tallies
         ]
 
+    def credit(self, scene: Scene, failed: Sequence[bool]) -> None:
+        """Let rollouts of a run, which were no part of why it suspects the scene, certify it, too."""
+        self._tally(scene, CERTIFYING).earlier = failed
+
     def certified(self, scene: Scene) -> Rate:
         """Of the rollouts that certified a scene."""
         return self._rate(self._tally(scene, CERTIFYING), None)
 
     def _contrast(self, scene: Tally, other: Tally, stages: Sequence[str] | None) -> Answer | None:
         failures, without, pairs = self._pairs(scene, other, stages)
-        if shown(failures, without, pairs):
+        if shown(failures, without, pairs) and min(len(scene.losses), len(other.losses)) >= FRESH:
             return Answer.PASSES
         return Answer.FAILS if likely(failures, pairs, without, pairs) < HOPELESS else None
 

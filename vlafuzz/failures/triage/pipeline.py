@@ -20,7 +20,7 @@ from vlafuzz.rollouts import scene_runner
 from vlafuzz.rollouts.crew import Crew, Make, crew_at
 from vlafuzz.rollouts.registry import Place, default_workers
 from vlafuzz.rollouts.scene_runner import SceneRunner
-from vlafuzz.store.records import Bucket, Finding, Run, Triaged
+from vlafuzz.store.records import Bucket, Finding, FoundCause, Run, Triaged
 from vlafuzz.store.store import Store
 
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
@@ -78,7 +78,7 @@ class Job(NamedTuple):
     run: Run
     findings: Sequence[Finding]
     trials: Sequence[tuple[Scene, bool]]
-    blamed: Mapping[Scene, Sequence[str]]
+    blamed: Mapping[Scene, FoundCause]
     known: Sequence[Triaged] | None
 
 
@@ -246,11 +246,10 @@ def _known(store: Store, like: Finding) -> list[Triaged]:
     return certified(row for row in store.triaged() if row.policy_key == key and row.scene.task == task)
 
 
-def _blamed(store: Store, runs: Iterable[int]) -> dict[Scene, tuple[str, ...]]:
-    """The operators of each cause, by the scene that shows it."""
+def _blamed(store: Store, runs: Iterable[int]) -> dict[Scene, FoundCause]:
+    """Each cause by the scene that shows it."""
     attributions = filter(None, map(store.causes, runs))
-    causes = [cause for attribution in attributions for cause in attribution.causes]
-    return {cause.scene: cause.operators for cause in causes if cause.scene}
+    return {cause.scene: cause for attribution in attributions for cause in attribution.causes if cause.scene}
 
 
 def affordable(budget: int) -> int:

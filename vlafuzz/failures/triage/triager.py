@@ -17,7 +17,7 @@ from vlafuzz.model import Rate, Scene, Verdict
 from vlafuzz.model.phrasing import signature
 from vlafuzz.model.space import CONFOUNDERS
 from vlafuzz.rollouts.scene_runner import SceneRunner
-from vlafuzz.store.records import Finding, Judged, Repeats, Triaged
+from vlafuzz.store.records import Finding, FoundCause, Judged, Repeats, Triaged
 
 # Rollouts to shrink, certify and attribute a finding; of a stochastic policy, an answer takes 3 to 20.
 MAX_ROLLOUTS, MAX_OF_STOCHASTIC = 200, 1000
@@ -46,8 +46,7 @@ class Triager:
 
     Attributes:
         trials: scenes of the run, and whether the policy failed in each.
-        blamed: operators of a cause, by the scene that shows it; near a threshold this is certified farther out, if it
-            can be.
+        blamed: a cause by the scene that shows it; near a threshold this is certified farther out, if it can be.
         rolled: verdicts that the finding has paid for; only ``roll`` changes it. Each pays for all of its own as if it
             were alone, so that its result does not depend on which finding comes first.
         repeats: all rollouts so far, which findings share; only ``roll`` changes it.
@@ -58,7 +57,7 @@ class Triager:
 
     runner: SceneRunner
     trials: Sequence[tuple[Scene, bool]] = ()
-    blamed: Mapping[Scene, Sequence[str]] = field(default_factory=dict)
+    blamed: Mapping[Scene, FoundCause] = field(default_factory=dict)
     rolled: Repeats = field(default_factory=dict)
     repeats: Repeats = field(default_factory=dict, kw_only=True)
     known: Sequence[Triaged] = field(default=(), kw_only=True)
@@ -102,9 +101,9 @@ class Triager:
         At a threshold the policy fails in one scene and passes in the next: then a scene farther out is certified.
         """
         space, scene = self.runner.space, finding.scene
-        blamed = self.blamed.get(scene, ())
-        names = [name for name in blamed if name in space.groups]
-        subject = [name for name in blamed if name == space.subject and not names]
+        found = self.blamed.get(scene, FoundCause(None, (), 0))
+        names = [name for name in found.operators if name in space.groups]
+        subject = [name for name in found.operators if name == space.subject and not names]
         deviating = self._deviating(scene)
         if not names + subject or deviating is None:
             return 0, None
@@ -112,6 +111,9 @@ class Triager:
         oracle.budget = round(self._most(scene) * TO_CERTIFY)
         others = [operator for name in deviating if name not in names for operator in space.group(name)]
         alone = space.reset(scene, others)
+        for name, outcomes in found.tests.items():
+            if not subject:
+                oracle.credit(space.reset(alone, space.group(name)) if name else alone, outcomes)
         farther = [alone, *outward(space, alone, names)]
         firm = next((one for one in farther if oracle.answers([one], lead=FIRST)[0] is Answer.FAILS), None)
         firm = firm or max(farther, key=lambda one: oracle.rate(one).share)
@@ -224,7 +226,7 @@ class Triager:
     def _attribute(self, triaged: Triaged, shrunk: Shrunk, oracle: Oracle, proved: Scene) -> Triaged:
         """Name the cause of a shrunk failure, and look for thresholds that are not known yet."""
         space, rates = self.runner.space, dict(shrunk.rates)
-        if shrunk.minimal and space.subject in self.blamed.get(triaged.scene, ()):
+        if shrunk.minimal and triaged.scene in self.blamed and space.subject in self.blamed[triaged.scene].operators:
             others = space.reset(shrunk.scene, [space.subject])
             rates[space.subject] = oracle.contrasts(shrunk.scene, [others], most=MOST)[0].rate
         operators = directed(space, shrunk.scene, shrunk.operators, shrunk.reference)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from vlafuzz.common.arrays import Mask
 from vlafuzz.search.causes.background import Background
 from vlafuzz.search.causes.rules import Rule
 from vlafuzz.search.causes.suspects import FIRM, Suspects
-from vlafuzz.search.causes.units import Levels
+from vlafuzz.search.causes.units import Levels, Units
 
 SURE = 0.95  # probability of a set of units from which on it only has to be shown that none can be missing
 LARGEST = 4  # units of a cause
@@ -63,8 +64,7 @@ class Attribution:
         self.cause: Mask | None = None
         self.scene: Mask | None = None
         self._answer, self.inherited = answer, answer is not None
-        self._failures: Counter[bytes] = Counter()  # of the tests that confirm the answer
-        self._passes: Counter[bytes] = Counter()
+        self._outcomes = defaultdict[bytes, list[bool]](list)  # of the tests that confirm the answer: whether it failed
 
     @property
     def answered(self) -> bool:
@@ -102,26 +102,25 @@ class Attribution:
             self._background.learn(failed=failed)
             return
         if self._answer is not None:
-            (self._failures if failed else self._passes)[kept.tobytes()] += 1
+            self._outcomes[kept.tobytes()].append(failed)
         self.suspects.learn_test(kept, failed=failed)
         chance, has_failed = self.suspects.best()
         self._sure = chance >= SURE and has_failed
 
     def _propose(self, answer: Mask) -> None:
         self._answer = answer
-        self._failures.clear()
-        self._passes.clear()
+        self._outcomes.clear()
 
     def _confirm(self) -> Mask | None:
         """The next test of the answer; None if it is confirmed or refuted."""
         assert self._answer is not None
         answer, mark = self._answer, self._answer.tobytes()
-        failures, passes = self._failures[mark], self._passes[mark]
-        scene = self.suspects.ratio(failures, passes, self._background.chances)
+        outcomes = self._outcomes[mark]
+        scene = self._ratio(outcomes)
         if scene < -self._confirmed:
             return None
         if scene < self._confirmed or self.suspects.rollouts(answer) < REPEATED:
-            compared = answer.sum() > 1 or self._background.is_known(failures + passes)
+            compared = answer.sum() > 1 or self._background.is_known(len(outcomes))
             return answer if compared else np.zeros_like(answer)  # the reference, without which it tells little
         needed = answer.copy()
         for unit in np.flatnonzero(answer):
@@ -146,8 +145,23 @@ class Attribution:
         """Log likelihood ratio of the tests of the answer: these units are in a fault, or they are not."""
         if self._quiet and self._background.rate < QUIET:
             return self.suspects.evidence(kept)
-        mark = kept.tobytes()
-        return self.suspects.ratio(self._failures[mark], self._passes[mark], self._background.chances)
+        return self._ratio(self._outcomes[kept.tobytes()])
+
+    def _ratio(self, outcomes: Sequence[bool]) -> float:
+        failures = sum(outcomes)
+        return self.suspects.ratio(failures, len(outcomes) - failures, self._background.chances)
+
+    def tests(self, units: Units) -> dict[str, tuple[bool, ...]]:
+        """The tests of the cause, see ``Cause``; none unless each resets one operator, and to nominal."""
+        assert self.cause is not None
+        names = units.operators(self.cause)
+        if not units.from_nominal or len(names) < self.cause.sum() or (self.cause != self.scene).any():
+            return {}
+        masks = {"": self.cause}
+        for name, unit in zip(names, np.flatnonzero(self.cause), strict=True):
+            masks[name] = self.cause.copy()
+            masks[name][unit] = False
+        return {name: tuple(self._outcomes[kept.tobytes()]) for name, kept in masks.items()}
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,8 +23,8 @@ class Rule:
         levels: of its smallest failing scene.
         inner: ``(units + 1,)`` deviations nearest to the reference that fail.
         values: of categories, those that fail.
-        safe: ``(units,)`` the farthest deviations that pass while the others fail, 0 where none is known. hits:
-        failures that it explains.
+        safe: ``(units,)`` the farthest deviations that pass while the others fail, 0 where none is known. tests: see
+        ``Cause``; hits: failures that it explains.
     """
 
     kept: Mask
@@ -32,10 +32,13 @@ class Rule:
     inner: Array
     values: dict[int, set[float]]
     safe: Array
+    tests: Mapping[str, tuple[bool, ...]]
     hits: int = 1
 
     @classmethod
-    def of(cls, kept: Mask, levels: Levels, deviations: Array, units: Units) -> Rule:
+    def of(
+        cls, kept: Mask, levels: Levels, deviations: Array, units: Units, tests: Mapping[str, tuple[bool, ...]]
+    ) -> Rule:
         """The rule of a minimal failing scene."""
         values = {
             index: {float(deviations[index])}
@@ -43,7 +46,7 @@ class Rule:
             if units.units[index].kind == "category"
         }
         safe = np.zeros(len(kept))
-        return cls(kept, levels, deviations.copy(), values, safe)
+        return cls(kept, levels, deviations.copy(), values, safe, tests)
 
     def chance(self, deviations: Array, units: Units) -> Array:
         """``(n,)`` chance that scenes are in the fault."""
@@ -91,11 +94,11 @@ class Rule:
         """Whether it takes all units of another rule, and more."""
         return bool((self.kept >= other.kept).all() and (self.kept > other.kept).any())
 
-    def learn_failure(self, deviations: Array, levels: Levels | None = None) -> None:
+    def learn_failure(self, deviations: Array, shown: Rule | None = None) -> None:
         """A scene with its units alone fails: its range reaches as far.
 
         Args:
-            levels: of the scene, if it was repeated: one that may have failed by chance cannot stand for the rule.
+            shown: its rule, if it was repeated: a scene that may have failed by chance cannot stand for a cause.
         """
         nearer = True
         for index in np.flatnonzero(self.kept).tolist():
@@ -109,8 +112,8 @@ class Rule:
                 if abs(self.inner[index]) < abs(self.safe[index]):
                     self.safe[index] = 0.0
         self.inner[-1] = max(self.inner[-1], deviations[-1])
-        if nearer and levels is not None:
-            self.levels = levels
+        if nearer and shown is not None:
+            self.levels, self.tests = shown.levels, shown.tests
 
     def learn_pass(self, deviations: Array) -> None:
         """A scene with its units alone passes: if one of them is nearer to the reference, that is why."""
@@ -153,7 +156,7 @@ class Rules(list[Rule]):
         """
         for other in self:
             if other.same_kind(rule):
-                other.learn_failure(deviations, rule.levels)
+                other.learn_failure(deviations, rule)
                 return other
         for other in [other for other in self if other.needs_all_of(rule)]:
             scene = units.deviations(other.levels[None])

@@ -128,7 +128,7 @@ class Causes:
     def causes(self) -> list[Cause]:
         """The causes found so far, in the order in which they were found."""
         return [
-            Cause(self._units.genome(rule.levels), self._units.operators(rule.kept), rule.hits, share)
+            Cause(self._units.genome(rule.levels), self._units.operators(rule.kept), rule.hits, share, rule.tests)
             for rule, share in zip(self._rules, self._draws.shares(self._rules, self._units), strict=True)
         ]
 
@@ -379,7 +379,7 @@ class Causes:
         self._rates = self._rates + attribution.suspects.rates
         levels = self._units.keep(attribution.levels, attribution.scene)
         deviations = self._units.deviations(levels[None])[0]
-        new = Rule.of(attribution.cause, levels, deviations, self._units)
+        new = Rule.of(attribution.cause, levels, deviations, self._units, attribution.tests(self._units))
         rule = self._rules.add(new, deviations, self._units)
         self._waiting.forget(lambda all_: rule.chance(self._units.deviations(all_), self._units) >= POSSIBLE)
         if rule is new:
