@@ -65,6 +65,20 @@ def test_two_causes_are_told_apart_and_both_conditions_of_one_are_kept():
     assert found == {("light",), ("camera-position", "camera-orientation")}
 
 
+def test_a_cause_comes_with_its_tests_since_it_was_suspected():
+    for cause in played(lambda scene: dark(scene) or turned_left_and_far(scene), 200).causes():
+        assert cause.tests.keys() == {"", *cause.operators}
+        assert all(cause.tests[""])
+        assert not any(failed for name in cause.operators for failed in cause.tests[name])
+        assert 1 <= len(cause.tests[""]) < 10
+
+
+def test_tests_against_another_reference_than_nominal_are_none_of_a_cause():
+    causes = played(lambda scene: not 0.3 < scene.light.intensity < 0.8, 200).causes()
+    assert causes
+    assert not any(cause.tests for cause in causes)
+
+
 def test_a_policy_that_fails_seven_times_of_ten_has_the_same_cause():
     assert ("light",) in operators(played(dark, 200, rate=0.7))
 
@@ -117,7 +131,7 @@ def test_a_cause_that_takes_less_replaces_one_that_chance_has_left_more_in():
             levels[list(units.units[index].indices)] = 0
             kept[index] = True
         deviations = units.deviations(levels[None])[0]
-        added = rules.add(Rule.of(kept, levels, deviations, units), deviations, units)
+        added = rules.add(Rule.of(kept, levels, deviations, units, {}), deviations, units)
     assert list(rules) == [added]
     assert (added.kept.sum(), added.hits) == (1, 2)
 

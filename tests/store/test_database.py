@@ -190,6 +190,7 @@ def test_a_store_of_the_first_released_schema_is_brought_up_to_date(path: Path, 
         raw.execute("ALTER TABLE triage DROP COLUMN witness_width")
         raw.execute("ALTER TABLE triage DROP COLUMN more")
         raw.execute("ALTER TABLE rollout DROP COLUMN recovery")
+        raw.execute("ALTER TABLE cause DROP COLUMN tests")
         raw.execute("ALTER TABLE cause DROP COLUMN mechanism")
         raw.execute("ALTER TABLE rollout ADD COLUMN published_success INTEGER NOT NULL DEFAULT 0")
         raw.execute(STEPS[17][-1])  # creates `repeat`

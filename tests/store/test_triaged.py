@@ -110,13 +110,15 @@ def test_what_failed_at_nominal_in_an_earlier_version_is_not_shown_to_have_a_cau
         connection.execute("ALTER TABLE triage DROP COLUMN more")
         connection.execute("ALTER TABLE rollout DROP COLUMN recovery")
         connection.execute(STEPS[17][-1])  # creates `repeat`
+        connection.execute("ALTER TABLE cause DROP COLUMN tests")
         connection.execute("PRAGMA user_version = 21")
     (got,) = read(path)
     assert (got.bucket, got.shrunk, got.signature) == ("flaky", None, None)
 
 
 DARK = FoundCause(trial(0, failed()).scene, ("light",), 7, Probability(0.2, 0.15, 0.25))
-CROWDED = FoundCause(trial(1, failed()).scene, ("confounders", "light"), 2)
+TESTS = {"": (True, True, False), "light": (False,), "confounders": ()}
+CROWDED = FoundCause(trial(1, failed()).scene, ("confounders", "light"), 2, tests=TESTS)
 LOWER = Mechanism("down", 11.0, True, ("camera-orientation -pitch", "target-position +x"), swapped=True)
 SHIFTED = FoundCause(trial(1, failed()).scene, ("camera-orientation",), 9, Probability(0.3, 0.2, 0.4), LOWER)
 NOT_STORED = FoundCause(None, ("camera-position",), 1)

@@ -85,6 +85,29 @@ def test_a_policy_that_fails_two_times_in_five_anyway_can_be_certified():
     assert answers == [Answer.PASSES, Answer.FAILS]
 
 
+def certifying(*earlier: int, fails: float = 1.0) -> tuple[Answer, int]:
+    """The answer for the dark scene in the light, and its price, where it fails at a rate and the run has tests."""
+    rng = np.random.default_rng(5)
+
+    def roll(scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
+        return [FAILED if DARK(scene) and rng.random() < fails else PASSED for scene in scenes]
+
+    oracle, scene = Oracle(roll, STAGES, None, budget=300), Planted([DARK]).finding(0)
+    usual = SPACE.reset(scene, ["light"])
+    for one, outcome, tests in zip((scene, usual), (True, False), earlier, strict=False):
+        oracle.credit(one, [outcome] * tests)
+    return oracle.contrasts(scene, [usual])[0].answer, oracle.spent
+
+
+def test_tests_of_the_run_halve_the_price_of_a_certificate_and_no_number_of_them_makes_it_free():
+    assert certifying() == (Answer.PASSES, 8)
+    assert certifying(2, 2) == certifying(50, 50) == (Answer.PASSES, 4)
+
+
+def test_a_scene_that_failed_in_the_run_and_passes_now_is_not_certified():
+    assert certifying(6, 6, fails=0.0)[0] is not Answer.PASSES
+
+
 def test_operators_that_each_matter_are_not_reset_together_as_well():
     scene, nominal = Planted([DARK, TILTED]).finding(0), SPACE.nominal()
     dark_and_tilted = SPACE.reset(scene, set(SPACE.severities(scene)) - {"light", "camera-orientation"})

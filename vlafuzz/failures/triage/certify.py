@@ -1,4 +1,4 @@
-"""Certify: fresh rollouts show that a shrunk scene fails more often than without any of its operators.
+"""Certify: show that a shrunk scene fails more often than without any of its operators.
 
 A failure with the values of a cause that is certified already needs no search of its own.
 """

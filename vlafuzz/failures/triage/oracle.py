@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
-from vlafuzz.failures.triage.contrast import HOPELESS, likely, missing, shown
+from vlafuzz.failures.triage.contrast import HOPELESS, evidence, likely, missing, shown
 from vlafuzz.model import Rate, Scene, Verdict
 from vlafuzz.store.records import Judged
 
@@ -22,7 +22,7 @@ SLACK = 0.2  # share of the way from the background to a failing scene's rate th
 MOST = 20  # rollouts to answer for a scene
 FAILURES_A_PASS = 5  # of a scene that holds
 MOST_TO_CERTIFY = 200  # rollouts to certify one
-FRESH = 2  # of them around the scene, and around each that it is compared with: those of the run are near by
+AGREES = 4  # evidence of fresh rollouts by themselves beside those of the run: at least two pairs
 AT_ONCE = 4  # pairs that are rolled out together at most, for several workers: as many as suffice without chance
 
 
@@ -58,7 +58,7 @@ class Tally:
     Attributes:
         next: number of the next rollout, which its jitter and its seed depend on.
         losses: the stage that each rollout lost, in order; None where it passed.
-        earlier: whether each of some rollouts of the run failed, which count beside them.
+        earlier: whether each of some rollouts of the run failed, which count beside these.
     """
 
     scene: Scene
@@ -91,8 +91,8 @@ class Tally:
 
     def failures(self, stages: Iterable[str], first: int | None = None) -> int:
         """Rollouts that lost one of these stages, of all or of the first ones."""
-        counted, left = set(stages), None if first is None else max(first - len(self.earlier), 0)
-        return sum(self.earlier[:first]) + sum(lost in counted for lost in self.losses[:left])
+        counted = set(stages)
+        return sum(lost in counted for lost in self.losses[:first])
 
 
 class Oracle:
@@ -194,24 +194,24 @@ class Oracle:
     ) -> list[Certificate]:
         """Whether each of other scenes passes more often, by fresh rollouts: as many there as in the scene.
 
-        It passes if the scene is ``shown`` to fail more often, it fails where an effect has become improbable. Stages
-        count in the others; in the scene those of the finding.
+        Those that are credited count beside them. It passes if the scene is ``shown`` to fail more often, it fails
+        where an effect has become improbable. Stages count in the others; in the scene those of the finding.
         """
         subject = self._tally(scene, CERTIFYING)
         tallies = [self._tally(other, CERTIFYING) for other in others]
 
         def needed(tally: Tally) -> int:
-            end = max(map(until, tallies if tally is subject else [tally]), default=0)
-            return max(end - tally.rollouts, FRESH - len(tally.losses)) if end else 0
+            ends = map(until, tallies if tally is subject else [tally])
+            return max(max(ends, default=0) - len(tally.losses), 0)
 
         def until(tally: Tally) -> int:
-            """The pairs after which it is looked again whether it passes."""
-            counts = self._pairs(subject, tally, stages)
-            return min(counts[2] + min(missing(*counts), AT_ONCE), most) if is_open(tally) else 0
+            """The fresh pairs after which it is looked again whether it passes."""
+            (*_, pairs), more = self._fresh(subject, tally, stages), missing(*self._pairs(subject, tally, stages))
+            return min(pairs + min(more, AT_ONCE), most) if is_open(tally) else 0
 
         def is_open(tally: Tally) -> bool:
             answer = self._contrast(subject, tally, stages)
-            return not answer and BLOCKING.isdisjoint((subject.problem, tally.problem)) and tally.rollouts < most
+            return not answer and BLOCKING.isdisjoint((subject.problem, tally.problem)) and len(tally.losses) < most
 
         self._draw_until([subject, *tallies], needed)
         return [
@@ -231,13 +231,19 @@ class Oracle:
 
     def _contrast(self, scene: Tally, other: Tally, stages: Sequence[str] | None) -> Answer | None:
         failures, without, pairs = self._pairs(scene, other, stages)
-        if shown(failures, without, pairs) and min(len(scene.losses), len(other.losses)) >= FRESH:
+        if shown(failures, without, pairs) and evidence(*self._fresh(scene, other, stages)) >= AGREES:
             return Answer.PASSES
         return Answer.FAILS if likely(failures, pairs, without, pairs) < HOPELESS else None
 
     def _pairs(self, scene: Tally, other: Tally, stages: Sequence[str] | None) -> tuple[int, int, int]:
         """Failures of the scene and of the other one in as many rollouts of both, and this number."""
-        pairs = min(scene.rollouts, other.rollouts)
+        failures, without, pairs = self._fresh(scene, other, stages)
+        earlier = min(len(scene.earlier), len(other.earlier))
+        return failures + sum(scene.earlier[:earlier]), without + sum(other.earlier[:earlier]), pairs + earlier
+
+    def _fresh(self, scene: Tally, other: Tally, stages: Sequence[str] | None) -> tuple[int, int, int]:
+        """The same without the rollouts of the run."""
+        pairs = min(len(scene.losses), len(other.losses))
         return scene.failures(self.counted, pairs), other.failures(stages or self.counted, pairs), pairs
 
     def lost(self, scene: Scene, stages: Sequence[str] | None = None) -> str:
@@ -264,10 +270,11 @@ class Oracle:
     def _counts(self, scene: Scene, stages: Sequence[str] | None = None) -> tuple[int, int]:
         """Failures and rollouts of a scene so far, those that certify included."""
         both = self._tally(scene), self._tally(scene, CERTIFYING)
-        return sum(one.failures(stages or self.counted) for one in both), sum(one.rollouts for one in both)
+        failures = sum(one.failures(stages or self.counted) + sum(one.earlier) for one in both)
+        return failures, sum(one.rollouts for one in both)
 
     def _rate(self, tally: Tally, stages: Sequence[str] | None) -> Rate:
-        return Rate.of_counts(tally.failures(stages or self.counted), tally.rollouts)
+        return Rate.of_counts(tally.failures(stages or self.counted) + sum(tally.earlier), tally.rollouts)
 
     def _tally(self, scene: Scene, first: int = 0) -> Tally:
         return self._tallies.setdefault((scene, first), Tally(scene, self._first + first))

@@ -157,11 +157,12 @@ class Attribution:
         names = units.operators(self.cause)
         if not units.from_nominal or len(names) < self.cause.sum() or (self.cause != self.scene).any():
             return {}
-        masks = {"": self.cause}
+        tests = {"": tuple(self._outcomes[self.cause.tobytes()])}
         for name, unit in zip(names, np.flatnonzero(self.cause), strict=True):
-            masks[name] = self.cause.copy()
-            masks[name][unit] = False
-        return {name: tuple(self._outcomes[kept.tobytes()]) for name, kept in masks.items()}
+            without = self.cause.copy()
+            without[unit] = False
+            tests[name] = tuple(self._outcomes[without.tobytes()] if without.any() else self._background.outcomes)
+        return tests
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,12 +23,13 @@ class Background:
 
     Attributes:
         has_reference: whether there is one: the nominal scene is, once it has passed.
-        asked: rollouts of the reference that were asked for, without its first; ``failures`` and ``passes``: of it.
+        asked: rollouts of the reference that were asked for, without its first; outcomes: of it,
+            whether each failed.
     """
 
     def __init__(self, *, has_reference: bool = False) -> None:
         self.has_reference, self.asked = has_reference, 0
-        self.failures = self.passes = 0
+        self.outcomes: list[bool] = []
         self._log = np.log(PRIOR)
         self._draws = self._failing = 0.0
 
@@ -56,12 +57,12 @@ class Background:
 
     def is_known(self, rollouts: int) -> bool:
         """Whether the reference was rolled out as often as a scene that is compared with it."""
-        return not self.failures or self.failures + self.passes >= rollouts
+        return not any(self.outcomes) or len(self.outcomes) >= rollouts
 
     def is_due(self, proposals: int, budget: int | None) -> bool:
         """Whether another rollout of the reference is due after so many proposals."""
         few = proposals // SHARE + 1
-        if self.failures or not self.has_reference:
+        if any(self.outcomes) or not self.has_reference:
             few = min(NOMINAL, (budget or NOMINAL * OFTEN) // OFTEN)
         soon = SOON
         if budget:
@@ -70,9 +71,8 @@ class Background:
 
     def learn(self, *, failed: bool) -> None:
         """Learn an outcome of the reference."""
-        self.failures += failed
-        self.passes += not failed
-        self.has_reference = self.has_reference or self.passes >= PASSED
+        self.outcomes.append(failed)
+        self.has_reference = self.has_reference or self.outcomes.count(False) >= PASSED
         self._log += np.log(RATES if failed else 1 - RATES)
 
     def learn_alone(self, share: float, *, failed: bool) -> None:
