@@ -65,6 +65,7 @@ class Carts(GymWorld):
     env: type[Cart] = Cart
 
     def make(self, task):
+        assert task in self.tasks
         return self.env()
 
 

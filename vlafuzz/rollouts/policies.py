@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
-from vlafuzz.common.plugins import OBJECT, is_reference, load_factory, make_of
+from vlafuzz.common.plugins import OBJECT, PREFIX, is_reference, load_factory, make_of
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.policies.base import Policy, PolicySpec
 from vlafuzz.policies.clients.servers import SERVERS, address_of, client, client_of
@@ -78,7 +78,7 @@ def make_policy(name: str) -> Policy:
 def _built_in(name: str) -> Callable[[], Policy] | None:
     """What makes one of our policies: NAME, or NAME:FOLDER where it takes a folder with other weights."""
     name, colon, folder = name.partition(":")
-    factory = built_in().get(name)
+    factory = None if f"{name}:" == PREFIX else built_in().get(name)  # which loads our worlds
     if factory is None or not colon:
         return factory
     if not inspect.signature(factory).parameters:

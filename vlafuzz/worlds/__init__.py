@@ -34,11 +34,11 @@ def world_named(name: str) -> World:
         UsageError: there is no such world, or a file names code that the user did not. PrerequisiteError: the user's
         code raises.
     """
-    if name in known_worlds():
-        return known_worlds()[name]
     if is_reference(name):
         check_trusted(name)
         return _made(name)
+    if name in known_worlds():
+        return known_worlds()[name]
     hint = f"{suggestion(name, known_worlds())}; your own: {PREFIX}pkg.mod:factory"
     raise UsageError(f"unknown world {name!r}", hint=hint)
 
@@ -48,10 +48,11 @@ _made: Callable[[str], World] = cache(make_of)
 
 def world_of(task: str) -> World:
     """The world of a task, by its name: of our worlds as they name it, of others WORLD/TASK."""
-    for world in known_worlds().values():
-        if world.has(task):
-            return world
     name, slash, _ = task.rpartition("/")
+    if not is_reference(name):  # which loads none of ours
+        for world in known_worlds().values():
+            if world.has(task):
+                return world
     return world_named(name) if slash else usual_world()
 
 
@@ -95,7 +96,7 @@ def task_of(world: str | None, task: str | None) -> str | None:
         return None
     if not wanted and len(found.tasks) == 1:
         wanted = next(iter(found.tasks))
-    own = name not in known_worlds()
+    own = is_reference(name)
     if wanted and (members := found.suite(wanted)):
         return ",".join(f"{name}/{one}" if own else one for one in members) if own or wanted == "all" else wanted
     if (own and wanted in found.tasks) or f"{name}/{wanted}" in found.tasks:
@@ -128,7 +129,8 @@ def tasks_named(names: str) -> tuple[str, ...]:
     if names == "all":
         return tuple(usual_world().tasks)
     parts = [name.strip() for name in names.split(",")]
-    suites = {part: suite for world in known_worlds().values() for part in parts if (suite := world.suite(part))}
+    ours = [part for part in parts if not is_reference(part)]  # others load none of our worlds
+    suites = {part: suite for part in ours for world in known_worlds().values() if (suite := world.suite(part))}
     tasks = tuple(dict.fromkeys(task for part in parts for task in suites.get(part, [part])))
     if len(tasks) > 1:
         for name in tasks:

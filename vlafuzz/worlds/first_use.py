@@ -32,7 +32,7 @@ def looked_at(task: str, watch: Watch) -> Iterator[Check]:
     if not isinstance(world, ValuesWorld) or _place(name, world, own_name(task)).is_dir():
         return
     began, sound = time.monotonic(), True
-    for number, check in enumerate(examine(world, task, brief=True), start=1):
+    for number, check in enumerate(examine(world, own_name(task), brief=True), start=1):
         watch.progress("checks of the world", number, None)
         if check.verdict != "ok":
             sound = sound and check.verdict != "refuse"
