@@ -170,7 +170,8 @@ def test_a_report_begins_with_the_causes(store: Store):
     (head,) = view.heads
     camera, light = r"the camera turns left by at least 2\.\d+°", r"the light is at most 0\.\d+ times the usual"
     assert re.fullmatch(rf"Fails when {camera}, or {light}\.", head.sentence)
-    assert head.evidence.endswith(" rollouts, 2 of 2 causes certified, unexplained: 3 of 14 failures")
+    assert head.evidence.endswith(" rollouts, 2 of 2 causes certified")
+    assert head.left == "unexplained: 3 of 14 failures"
     assert [card.title for card in view.causes] == [f"T{cause.title[1:]}" for cause in found.causes]
     page = render(view)
     assert page.index("Fails when the camera") < page.index(view.causes[0].title) < page.index("Causes of run 1")
@@ -186,7 +187,7 @@ def test_failures_that_a_certified_cause_explains_are_counted_on_its_card(store:
     assert (tilted.more, dark.more) == ([only("camera-orientation", 2).digest], [usual.digest])
     assert [card.of.scene for card in shown.failures] == [unexplained]
     page = render(shown)
-    assert page.count("· 1 failure more") == 2
+    assert page.count("· also in 1 more scene") == 2
     assert page.count(f'[1,1,"{dark.id}",') == 2  # the dot of the other scene opens the card, too
 
 
@@ -220,7 +221,7 @@ def test_a_card_says_which_share_of_random_scenes_its_range_is_and_what_it_expla
     rolled = [failed for scene, failed, drawn in plot.scenes if drawn and band.holds(SPACE, scene)]
     assert all(rolled)
     assert card.numbers[2] == (str(len(rolled)), f"of {len(rolled) + 3} failures in random scenes explained")
-    assert view.heads[0].evidence.endswith(f"unexplained: 3 of {len(rolled) + 3} failures in random scenes")
+    assert view.heads[0].left == f"unexplained: 3 of {len(rolled) + 3} failures in random scenes"
     inside = np.mean([band.holds(SPACE, SPACE.sample(rng)) for _ in range(500)])
     assert 0.2 < inside < 0.5
     assert abs(float(card.numbers[0][0].rstrip("%")) / 100 - inside) < 0.07

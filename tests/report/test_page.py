@@ -66,7 +66,7 @@ def test_each_card_has_films_in_step_three_where_a_solution_is_known(page: Page)
     assert len(page.all("article")) == 4
     assert len(page.all("video")) == 2 * 3 + 2 * 2
     assert all(video.keys() >= {"muted", "playsinline", "poster", "data-film"} for video in page.all("video"))
-    for said in ("nominal: passes", "this: fails at grasp", "reference: solves it (camera-only expert)"):
+    for said in ("nominal: passes", "this scene: fails at grasp", "reference: solves it (camera-only expert)"):
         assert page.text.count(f"{said}\n") >= 2
     assert len([slider for slider in page.all("input") if slider["type"] == "range"]) == 4
     assert len(page.data("films")) == 1  # however many cards show it

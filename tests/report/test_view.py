@@ -237,7 +237,7 @@ def test_a_film_that_cannot_be_made_is_replaced_by_the_reason(triaged: View):
             return "simulator: a wheel came off" if fails else super().__call__(run, scene, actions)
 
     page = render(filmed(triaged, partial(beside, Broken()), 1, lambda *_: None))
-    assert page.count("<p>No film: simulator: a wheel came off</p><figcaption>this</figcaption>") == 1
+    assert page.count("<p>No film: simulator: a wheel came off</p><figcaption>this scene</figcaption>") == 1
     assert page.count("<video") == 2
     none = render(filmed(triaged, partial(beside, lambda *_: "no device"), 1, lambda *_: None))
     assert none.count("<p>No film: no device</p>") == 3

@@ -101,7 +101,7 @@ def beside(films: Films, card: Card, of: DescribedFailure) -> Iterator[Shot]:
             break
     if neighbour:
         yield neighbour
-    yield _shot("fails", "this", films(of.run, of.scene, None), passes="passes this time")
+    yield _shot("fails", "this scene", films(of.run, of.scene, None), passes="passes this time")
     yield from _reference(films, of)
 
 
@@ -116,5 +116,5 @@ def _shot(kind: str, name: str, film: Film | str, *, passes: str = "passes", fai
     """A shot with what is seen in it; ``fails`` is by default at which stage."""
     if isinstance(film, str):
         return Shot(kind, name, None, film or "the scene cannot be rolled out here")
-    fails = fails or ("fails at " + film.lost if film.lost else "fails")
+    fails = fails or ({"": "fails", "success": "fails before success"}.get(film.lost) or f"fails at {film.lost}")
     return Shot(kind, f"{name}: {fails if film.failed else passes}", film)

@@ -137,8 +137,8 @@ def _head(one: Standing, listing: Listing, runs: Sequence[Run], store: Store, *,
     causes = found.causes if found and found.causes else tuple(map(ListedCause.of_failure, certified))
     failed, judged = store.judged(sorted(numbers))
     said = told(found, causes, failed, judged, going_on=going_on)
-    left = f", {found.left}" if found and found.causes else ""
-    return Head(f"{one.policy} on {one.task}", said, one.rate, evidence(one.rollouts, found) + left)
+    left = found.left if found and found.causes else ""
+    return Head(f"{one.policy} on {one.task}", said, one.rate, evidence(one.rollouts, found), left)
 
 
 def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList]) -> str:

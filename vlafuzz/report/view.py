@@ -70,12 +70,13 @@ class Card:
 
 
 class Head(NamedTuple):
-    """What is found of a policy in a task, in a sentence, with the failure rate in random scenes if known."""
+    """What is found of a policy in a task, in a sentence; what is ``left`` to explain; the failure rate if known."""
 
     name: str
     sentence: str
     rate: Probability | None = None
     evidence: str = ""
+    left: str = ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
