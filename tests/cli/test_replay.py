@@ -179,6 +179,14 @@ def test_a_recording_of_a_stored_failure_executes_its_actions_and_asks_no_model(
     assert (tmp_path / "r.rrd").is_file()
 
 
+def test_a_recording_whose_stored_actions_lead_elsewhere_says_how_to_ask_the_policy(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("rerun", reason="needs the extra rerun")
+    monkeypatch.setattr("vlafuzz.cli.replay.SIZE", 64)
+    path = stored(tmp_path / "s.db", ended(nominal("pick-up"), failed()), about=manifest(policy="frozen"))
+    said = typed(capsys, ["replay", str(path), "--rrd", str(tmp_path / "r.rrd")]).err
+    assert "lead elsewhere; --policy frozen asks the policy again" in " ".join(said.split())
+
+
 def rows_of(path):
     """The rows of a recording by entity, with the first of a row's several values."""
     chunks = pytest.importorskip("rerun.chunk").RrdReader(path).stream()

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tests.failures.triage.planted import SPACE, WITH_EXTRAS
-from vlafuzz.model import Camera, Light, Placement, Scene, Threshold
+from vlafuzz.model import Backdrop, Camera, Light, Placement, Scene, Threshold
 from vlafuzz.model.phrasing import describe, signature
 from vlafuzz.model.scene import PictureLoss
 from vlafuzz.model.space import spoken
@@ -101,6 +101,13 @@ def clause(group: str, scene: Scene, *fails) -> str:
             "the camera is at least 1.2 cm up ↑",
         ),
         ("confounders", WITH_APPLE, (), "apple is on the table"),
+        ("backdrop", replace(NOMINAL, backdrop=Backdrop(colour="black")), (), "the table is black"),
+        (
+            "backdrop",
+            replace(NOMINAL, backdrop=Backdrop("checker", wall="red")),
+            (),
+            "the table's pattern is checker and the wall is red",
+        ),
         ("picture-loss", FROZEN, (), "the pictures stop (duration 7 steps) while the hand approaches"),
         (
             "picture-loss",

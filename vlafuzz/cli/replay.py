@@ -54,10 +54,15 @@ def command(
         world_of(wanted.scene.task).check_pictures()
     size = SIZE if video or (rrd and not no_pictures(wanted.scene.task)) else 0
     recording = RerunRecording(size) if rrd else Recording(size)
-    play = rrd is not None and not seen
+    play = rrd is not None and not seen  # what a policy saw, only the policy can tell
     replayed = replay(wanted, policy, recording, label=label, must_see=seen is not None, play=play)
     if rrd and isinstance(recording, RerunRecording):
         recording.write(rrd)
+        if play and policy is None and replayed.report["same trajectory as stored"] is False:
+            name = wanted.conditions.policy
+            stderr().print(
+                f"note: the stored actions, of 32 bits, lead elsewhere; --policy {name} asks the policy again"
+            )
     if video:
         recording.write_video(video, replayed.hz)
     if seen:

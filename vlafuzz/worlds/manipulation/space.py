@@ -42,6 +42,7 @@ _TURNED = {
     "camera.yaw": ("the camera turns left by {}", "the camera turns right by {}"),
     "camera.roll": ("the camera rolls right by {}", "the camera rolls left by {}"),
 }
+_PAINTED = {"table": "the table's pattern is {}", "colour": "the table is {}", "wall": "the wall is {}"}
 # By direction, as whoever looks through the camera sees it: in words, and the opposite one.
 _WAYS = {"to the left": ("to the left ←", "to the right →"), "up": ("up ↑", "down ↓"), "back": ("back", "forward")}
 # When an event happens, as a sentence goes on.
@@ -180,6 +181,9 @@ class TableSpace(Space):
             return f"{happens}{how} {_MOMENTS[event.when]}"
         if group == kinds.CameraOrientation.name:
             return self._turns(scene, other, fails)
+        if group == "backdrop" and scene.backdrop != other.backdrop:
+            changed = (part for part in _PAINTED if getattr(scene.backdrop, part) != getattr(other.backdrop, part))
+            return " and ".join(_PAINTED[part].format(getattr(scene.backdrop, part)) for part in changed)
         if group in (kinds.TargetPosition.name, kinds.TargetOrientation.name) and not fails:
             said = self.described(scene, group, other).replace("yaw", "turned to").replace("; ", " and ")
             named = said if ":" in said else f"the target: {said}"  # of several targets each has its name
