@@ -3,7 +3,8 @@
 import sys
 import weakref
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -79,7 +80,7 @@ def _units(spec: ActionSpec) -> Array:
 def ask(policy: Policy, observation: Observation) -> ActionChunk:
     """The policy's answer to one observation; a PolicyError if it raised, or that is no chunk of finite actions."""
     spec = policy.spec
-    try:  # as in ``blamed_on``, which takes longer than the rest
+    try:  # as in ``blamed_on``, which would take longer than the rest, at each step
         return check_chunks(policy.act([observation]), 1, spec.name, spec.action.width)[0]
     except PolicyError:
         raise
@@ -116,18 +117,15 @@ def finish(policy: Policy, episodes: Sequence[EpisodeStart]) -> None:
         policy.finish(episodes)
 
 
-class blamed_on:  # noqa: N801 - a function of contextlib would take a tenth of what a control step costs
+@contextmanager
+def blamed_on(name: str) -> Iterator[None]:
     """Convert every exception in the block to a PolicyError of the policy of this name."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, Exception | SystemExit) and not isinstance(error, PolicyError):
-            raise _blamed(self._name, error) from error
+    try:
+        yield
+    except PolicyError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise _blamed(name, error) from error
 
 
 def _blamed(name: str, error: BaseException) -> PolicyError:
