@@ -47,11 +47,8 @@ class CameraPose:
 class Sight:
     """What is where at present, in the world; metres.
 
-    Attributes:
-        camera: that of films.
-        hand: ``(3,)`` between the fingers.
-        bodies: by name of a thing, its place ``(3,)`` and its turn ``(3, 3)``.
-        contacts: what touches what, in words, as far as the world tells.
+    ``camera`` is that of films, ``hand`` ``(3,)`` is between the fingers; ``bodies`` are places ``(3,)`` and turns
+    ``(3, 3)`` by name; ``contacts`` say what touches what, as far as the world tells.
     """
 
     camera: CameraPose

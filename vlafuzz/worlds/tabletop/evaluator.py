@@ -83,8 +83,7 @@ class TabletopEpisode(Episode):
     def _names(self) -> list[str]:
         """Of the things, which differ."""
         names = [model.name for model in self._env.models]
-        before = [names[:index].count(name) for index, name in enumerate(names)]
-        return [f"{name} {count + 1}" if count else name for name, count in zip(names, before, strict=True)]
+        return [f"{name} {same + 1}" if (same := names[:at].count(name)) else name for at, name in enumerate(names)]
 
     def _execute(self, action: Array) -> None:
         self._state = self._env.advance(action, self._spec.action.relative_to)
