@@ -17,6 +17,7 @@ from vlafuzz.worlds.gym import GymWorld, read_parameters
 TASKS = {
     "pick-cube": ("PickCube-v1", "cube", "goal_site", 0.15),
     "stack-cube": ("StackCube-v1", "cubeA", "cubeB", 0.02),
+    "place-sphere": ("PlaceSphere-v1", "obj", "bin", 0.0025),
     "push-cube": ("PushCube-v1", "obj", "goal_region", 0.001),
     "pull-cube": ("PullCube-v1", "obj", "goal_region", 0.001),
 }
@@ -53,7 +54,7 @@ class ManiSkill(GymWorld):
         x, y, half = values["object-x"] / 100, values["object-y"] / 100, np.radians(values["turn"]) / 2
         thing, goal = getattr(base, thing), getattr(base, goal)
         thing.set_pose(Pose.create(sapien.Pose([x, y, 0.02], [np.cos(half), 0, 0, np.sin(half)])))
-        lying = LYING if height < 0.01 else [1, 0, 0, 0]
+        lying = LYING if height < 0.002 else [1, 0, 0, 0]
         x += values["distance"] / 100 * (-1 if env.env.task == "pull-cube" else 1)
         goal.set_pose(Pose.create(sapien.Pose([x, y, height], lying)))
         body = thing._objs[0].find_component_by_type(PhysxRigidDynamicComponent)
@@ -82,14 +83,16 @@ def places(seen):
     """Where hand, object and goal are, in metres."""
     extra = seen["extra"]
     thing = extra["obj_pose"] if "obj_pose" in extra else extra["cubeA_pose"]
-    goal = extra["goal_pos"] if "goal_pos" in extra else extra["cubeB_pose"][:3] + ABOVE / 2
-    return extra["tcp_pose"][:3], thing[:3], goal
+    if "goal_pos" in extra:
+        return extra["tcp_pose"][:3], thing[:3], extra["goal_pos"]
+    on = extra["bin_pos"] + [0, 0, 0.0225] if "bin_pos" in extra else extra["cubeB_pose"][:3] + ABOVE / 2
+    return extra["tcp_pose"][:3], thing[:3], on
 
 
 def pick(seen, hurry=1.0):
     """Goes above the object, down, closes, and carries it to the goal."""
     (hand, thing, goal), fingers = places(seen), seen["agent"]["qpos"][-1]
-    gap, stacks = thing - hand, "cubeB_pose" in seen["extra"]
+    gap, stacks = thing - hand, "goal_pos" not in seen["extra"]
     if stacks and np.linalg.norm((goal - thing)[:2]) < 0.01 and abs((goal - thing)[2]) < 0.005:
         return act([0, 0, 0.05], 1)
     if np.linalg.norm(gap) < 0.02 and fingers < 0.03:

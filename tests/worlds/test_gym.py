@@ -274,7 +274,7 @@ def example(name: str):
     ("package", "name", "kind", "tasks"),
     [
         ("gymnasium", "pendulum", "Pendulum", ["swing-up"]),
-        ("mani_skill", "maniskill", "ManiSkill", ["pick-cube", "stack-cube", "push-cube", "pull-cube"]),
+        ("mani_skill", "maniskill", "ManiSkill", ["pick-cube", "stack-cube", "place-sphere", "push-cube", "pull-cube"]),
         ("gymnasium_robotics", "fetch", "Fetch", ["push"]),
         ("metaworld", "meta_world", "MetaWorld", ["reach-v3", "push-v3", "pick-place-v3", "soccer-v3", "push-wall-v3"]),
     ],
