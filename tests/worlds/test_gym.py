@@ -203,6 +203,16 @@ def test_a_file_says_kinds_units_and_groups(read):
     assert (amount("values.length", 0.5), amount("values.heading", 30)) == ("0.5 m", "30°")
 
 
+def test_a_file_says_what_a_value_sets_in_one_place_or_in_several(read):
+    one, two = read("one: {range: [0, 1], nominal: 0, sets: g}\ntwo: {range: [0, 1], nominal: 0, sets: [m, l]}")
+    assert (one.sets, two.sets) == (("g",), ("m", "l"))
+
+
+def test_a_value_that_sets_nothing_is_stored_as_before(filed):
+    assert "sets" not in space(filed).operators.to_json()
+    assert '"sets": ["arm/gravity/2"]' in space(armed("arm/gravity/2")).operators.to_json()
+
+
 @pytest.fixture
 def filed(read) -> Carts:
     """A world with the parameters of the file."""
