@@ -147,7 +147,7 @@ def test_causes_that_act_through_one_quantity_are_listed_by_what_it_is_and_how_i
     assert what == f"the target appears ≥ 11 px lower than usual {ways}"
     assert example.startswith("for example camera-orientation: ")
     shown = view_of_store(store)
-    assert "the target appears ≥ 11 px lower" in render(shown)
+    assert "fails when the target appears at least 11 px lower than usual" in render(shown)
     strip, (fails,) = shown.causes[0].strips[0], shown.causes[0].strips[0].fails
     assert (strip.axis.name, strip.axis.nominal) == ("the target appears … lower than usual", 0)
     assert (fails.low, fails.high) == (11, math.inf)

@@ -352,7 +352,8 @@ def _title(space: Space, cause: FoundCause, types: Sequence[str], failure: Descr
     """Say what the cause takes, as a sentence that begins with "fails when" goes on."""
     if cause.mechanism is not None:
         quantity = space.quantities.get(cause.mechanism.quantity) or plain_quantity(cause.mechanism.quantity)
-        return quantity.says(cause.mechanism.threshold, above=cause.mechanism.above)
+        said = quantity.says(cause.mechanism.threshold, above=cause.mechanism.above)
+        return said.replace("≥", "at least").replace("≤", "at most")
     if failure is None:
         return f"{' and '.join(map(spoken, cause.operators))} {'differ' if len(cause.operators) > 1 else 'differs'}"
     blamed = failure.operators if failure.bucket == "minimal" else cause.operators
