@@ -1,5 +1,6 @@
 """A world from outside the package: runs, causes, triage, reports, corpora and regress work on it."""
 
+import json
 import shlex
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from tests.cli.typed import told, typed
 from tests.worlds.reacher import Reacher
 from vlafuzz.cli import main
 from vlafuzz.errors import SceneError
-from vlafuzz.model import Conditions, Scene, Setting
+from vlafuzz.model import Conditions, Monitor, Scene, Setting, Stage
 
 MODULE = "python:tests.worlds.reacher"
 WORLD, POLICY = f"{MODULE}:Reacher", f"{MODULE}:downhill"
@@ -104,3 +105,9 @@ def test_a_policy_that_sees_is_not_called_blind_or_deaf_where_only_values_vary(c
     rows = {row["check"]: row["verdict"] for row in checks}
     assert (rows["sight"], rows["hearing"]) == ("ok", "ok")
     assert {row["check"]: row["found"] for row in checks}["speed"].endswith("at 10 Hz")  # the world's, not the policy's
+
+
+def test_a_nearness_that_is_a_number_of_numpy_gives_a_progress_that_json_can_write():
+    monitor = Monitor((Stage("success", lambda now: False, lambda now: np.float32(0.25)),))
+    monitor.observe(None)
+    assert json.dumps(monitor.progress) == "0.25"

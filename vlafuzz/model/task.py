@@ -54,7 +54,7 @@ class Monitor:
             self.reached = [stage.name for stage in self.stages]
         while (done := len(self.reached)) < len(self.stages) - 1 and self._streaks[done] >= self.stages[done].steps:
             self.reached.append(self.stages[done].name)
-        self._trace.append(self._progress(situation))
+        self._trace.append(float(self._progress(situation)))
 
     def cancel(self, stages: tuple[Stage, ...]) -> None:
         """Success is something else from now on; the other stages stay as they are."""
