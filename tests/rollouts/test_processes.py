@@ -173,7 +173,7 @@ def test_the_first_scene_is_proposed_before_the_workers_start():
         happened.append("started")
         raise UsageError("no simulator")
 
-    pool = WorkerPool(start, lambda workers, seconds: None, 1, lambda: None, 0.1)
+    pool = WorkerPool(start, lambda workers, seconds: None, 1, lambda: None)
     with pytest.raises(UsageError, match="no simulator"):
         list(pool.run(scenes()))
     assert happened == ["proposed", "started"]
