@@ -123,7 +123,7 @@ def replay(
 
 
 def _player(conditions: Conditions, actions: Actions) -> Player:
-    """What executes actions, which are metric, at the rate of the policy that gave them."""
+    """A player executes actions, which are metric, at the rate of the policy that gave them."""
     acting = ActionSpec(**json.loads(conditions.spec).get("action", {}))
     plain = ActionSpec(relative_to=acting.relative_to, hz=acting.hz, width=acting.width)
     player = Player(PolicySpec("stored actions", action=plain))

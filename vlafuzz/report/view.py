@@ -70,7 +70,7 @@ class Card:
 
 
 class Head(NamedTuple):
-    """What is found of a policy in a task, in a sentence; what is ``left`` to explain; the failure rate if known."""
+    """Says what is found of a policy in a task, what is ``left`` to explain, and the failure rate if known."""
 
     name: str
     sentence: str

@@ -93,7 +93,7 @@ class Episode(ABC):
         """``(height, width, 3)``: what a camera shows at present, without noise."""
 
     def sight(self) -> Sight | None:
-        """What is where at present; None in a world that does not tell."""
+        """Say what is where at present; None in a world that does not tell."""
         return None
 
     def shape(self, body: str) -> tuple[Array, Array]:

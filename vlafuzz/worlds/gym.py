@@ -258,7 +258,7 @@ class GymWorld(ValuesWorld[Now]):
 
 
 def _read(env: Env, path: str) -> Any:
-    """What an environment has at a path, see ``GymWorld.apply``."""
+    """Look up what an environment has at a path, see ``GymWorld.apply``."""
     held: Any = env
     try:
         for name in path.split("/"):

@@ -1,4 +1,4 @@
-"""What is where in a moment of a rollout, and where a camera shows it."""
+"""Sight: says what is where in a moment of a rollout, and where a camera shows it."""
 
 import math
 from collections.abc import Mapping
@@ -45,7 +45,7 @@ class CameraPose:
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What is where at present, in the world; metres.
+    """Says what is where at present, in the world; metres.
 
     ``camera`` is that of films, ``hand`` ``(3,)`` is between the fingers; ``bodies`` are places ``(3,)`` and turns
     ``(3, 3)`` by name; ``contacts`` say what touches what, as far as the world tells.
