@@ -21,7 +21,7 @@ from vlafuzz.model.space import CONFOUNDERS
 
 NARROW = 1  # grid step: no interval needs to be narrower,
 NARROW_SHARE = 0.15  # nor than this share of the way to the scene that fails
-MOST = 10  # rollouts that narrow down a crossing: with 16, certification takes half as long again, and as many are true
+MOST = 10  # rollouts that narrow down a crossing: with 16 or 8, as large a share of the intervals holds
 FEW, SELDOM = 8, 0.25  # outcomes of a run that say how it is beyond the scene; of those there, so few pass
 CLEAR = 2  # failures more than passes at one place, or the reverse, that say how it is there
 _INTERVAL = (0.025, 0.975)  # 95 %

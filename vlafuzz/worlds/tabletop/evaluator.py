@@ -81,7 +81,7 @@ class TabletopEpisode(Episode):
 
     @property
     def _names(self) -> list[str]:
-        """Of the things, which differ."""
+        """The names of the things; several of one kind are numbered."""
         names = [model.name for model in self._env.models]
         return [f"{name} {same + 1}" if (same := names[:at].count(name)) else name for at, name in enumerate(names)]
 
