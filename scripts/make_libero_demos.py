@@ -147,6 +147,7 @@ class Job:
     first: int
     count: int
     driver: Path | None
+    events: Sequence[str]
     out: Path
 
     @property
@@ -157,7 +158,7 @@ class Job:
     def run(self) -> dict[str, Any]:
         os.environ.update({"OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"})
         operators = load_operators(str(Path(__file__).with_name("demos-libero.yaml")))
-        space = LiberoSpace(operators, self.task, ROBOT)
+        space = LiberoSpace(operators.only([*operators.varied, *self.events]), self.task, ROBOT)
         steps: list[dict[str, Any]] = []
         tried = kept = 0
         demonstrator = Demonstrator(self.driver)
@@ -165,7 +166,7 @@ class Job:
         evaluator = LiberoEvaluator(conditions, demonstrator, checked=False)
         for seed in range(SEEDS + self.first, SEEDS + self.first + self.count):
             evaluator.seed = seed
-            (outcome,) = evaluator.evaluate([drawn(space, seed)])
+            (outcome,) = evaluator.evaluate([drawn(space, seed, events=bool(self.events))])
             tried += outcome.verdict >= Verdict.PASSED
             if outcome.verdict is Verdict.PASSED and any(step["taught"] for step in demonstrator.steps):
                 kept += 1
@@ -176,11 +177,12 @@ class Job:
         return {"task": self.task, "tried": tried, "kept": kept, "frames": len(steps)}
 
 
-def drawn(space: LiberoSpace, seed: int) -> Scene:
-    """A scene near one of the initial states that are shown."""
+def drawn(space: LiberoSpace, seed: int, *, events: bool) -> Scene:
+    """A scene near one of the initial states that are shown, with an event if wanted."""
     rng = np.random.default_rng([seed, *space.task.name.encode()])
-    nominal = rng.random() < NOMINAL
-    scene = nominal_scene(space.task.name, space.rig.robot) if nominal else space.sample(rng)
+    scene = space.sample(rng) if events or rng.random() >= NOMINAL else nominal_scene(space.task.name, space.rig.robot)
+    while events and not scene.events:
+        scene = space.sample(rng)
     last = space.rig.initial_states
     return replace(scene, start=Start(int(rng.integers(TESTED, last))))
 
@@ -194,13 +196,21 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--first", type=int, default=0, help="number of the first episode")
     parser.add_argument("--driver", type=Path, help="folder of weights that drive the first steps")
+    parser.add_argument("--events", nargs="*", default=[], help="operators of which each scene has an event")
     parser.add_argument("--out", type=Path, required=True, help="folder")
     options = parser.parse_args()
     began = time.monotonic()
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / ABOUT).write_text(json.dumps(CARD))
     jobs = [
-        Job(task, options.first + number, min(options.batch, options.episodes - number), options.driver, options.out)
+        Job(
+            task,
+            options.first + number,
+            min(options.batch, options.episodes - number),
+            options.driver,
+            options.events,
+            options.out,
+        )
         for number in range(0, options.episodes, options.batch)
         for task in options.tasks
     ]

@@ -63,13 +63,23 @@ def fuzz(weights: Path, task: str, budget: int, seed: int, store: Path, workers:
     return store
 
 
-def train(demos: Path, old: Path, init: Path, out: Path, recipe: Sequence[str] = (), gpu: int | None = None) -> Path:
+def train(
+    demos: Path,
+    old: Path,
+    init: Path,
+    out: Path,
+    recipe: Sequence[str] = (),
+    gpu: int | None = None,
+    *,
+    quantized: bool = True,
+) -> Path:
     """Weights that continue from ``init``; half of what they learn from is ``old``."""
     if not (out / "figures").exists():
         where = {} if gpu is None else {"CUDA_VISIBLE_DEVICES": str(gpu)}
         folders = demos, "--replay", old, "--init", init, "--out", out
         lines = call(SCRIPTS / "train_mini.py", *folders, *recipe, environment=where)
-        call(SCRIPTS / "quantize_mini.py", "--weights", out, "--scenes", 2)
+        if quantized:
+            call(SCRIPTS / "quantize_mini.py", "--weights", out, "--scenes", 2)
         (out / "figures").write_text(lines)
     return out
 
