@@ -101,7 +101,7 @@ def test_a_worse_policy_fails_the_job_and_the_summary_says_why(tmp_path: Path):
 
 
 @pytest.mark.slow
-def test_failures_of_several_nights_are_merged(tmp_path: Path):
+def test_failures_of_several_nights_are_in_one_store(tmp_path: Path):
     tiny = {"mode": "fuzz", "policy": "pinhole", "budget": "6", "controls": "4"}
     for night in (1, 2):
         job = Job(tmp_path, **tiny, seed=str(night), arguments="--strategy random")
@@ -176,9 +176,9 @@ def test_what_to_install_is_no_option_of_pip(tmp_path: Path):
     assert said_to("python", job)[-2:] == ["--", "--index-url=https://example.org"]
 
 
-def test_a_run_that_could_not_judge_its_budget_fails_the_job_and_is_neither_merged_nor_kept(tmp_path: Path):
+def test_a_run_that_could_not_judge_its_budget_fails_the_job_and_is_not_kept(tmp_path: Path):
     job = Job(tmp_path, mode="fuzz", policy="p")
-    assert said_to("vlafuzz", job)[0] == "run"  # and no merge after it
+    assert said_to("vlafuzz", job)[0] == "run"  # and nothing after it
     assert job.code == 3
     assert [step["uses"] for step in STEPS if "cache/save" in step.get("uses", "") and job._true(step["if"])] == []
 

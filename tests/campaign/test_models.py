@@ -14,7 +14,6 @@ from vlafuzz.policies.clients.servers import guesses, names_its_model
 from vlafuzz.policies.mini.policy import SHIPPED
 from vlafuzz.policies.serving import serving
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.store.merge import merge
 from vlafuzz.store.store import Store
 
 pytestmark = pytest.mark.usefixtures("folder")
@@ -27,10 +26,10 @@ def server() -> Iterator[str]:
         yield name
 
 
-def run(policy: str, *flags: str, store: str = "a.db") -> list[bool]:
+def run(policy: str, *flags: str) -> list[bool]:
     """Whether each scene of the newest run was answered by another run."""
-    assert main(["run", "--policy", policy, *FLAGS, "--store", store, *flags]) == 0
-    with Store.open(Path(store)) as opened:
+    assert main(["run", "--policy", policy, *FLAGS, "--store", "a.db", *flags]) == 0
+    with Store.open(Path("a.db")) as opened:
         return [trial.duplicate for trial in opened.trials(opened.runs()[-1].id)]
 
 
@@ -42,10 +41,9 @@ def test_behind_an_address_no_stored_outcome_answers_and_the_run_says_so(server:
 
 
 def test_findings_and_keys_of_such_runs_are_their_own(server: str):
-    for store in ("a.db", "a.db", "b.db"):
-        run(server, store=store)
-    merge([Path("a.db"), Path("b.db")], Path("c.db"))
-    with Store.open(Path("c.db")) as opened:
+    for _ in range(3):
+        run(server)
+    with Store.open(Path("a.db")) as opened:
         keys = {stored.manifest.key() for stored in opened.runs()}
         failing = {finding.scene for finding in opened.findings()}
         assert len(keys) == 3

@@ -1,4 +1,4 @@
-"""``--resume``, ``merge`` and a run beside random: with real spaces and strategies, without a simulator."""
+"""``--resume`` and a run beside random: with real spaces and strategies, without a simulator."""
 
 import json
 import re
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.typed import complaint, told, typed
+from tests.cli.typed import complaint, told
 from tests.doubles import Raising
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import further
@@ -193,19 +193,6 @@ def test_a_strategy_says_what_it_chose_by_itself(capsys):
     assert json.loads(printed(capsys))["about"] == "population of 8, 11 generations"
     run("--budget", "5", "--store", "a.db")
     assert "population" not in printed(capsys)
-
-
-def test_stores_are_merged(capsys):
-    run("--budget", "5", "--store", "a.db")
-    run("--budget", "5", "--store", "b.db", "--seed", "1")
-    assert "2 runs, " in typed(capsys, ["export", "--format", "store", "a.db", "b.db", "--out", "c.db"]).err
-    assert proposed("c.db", 2) == proposed("b.db")
-
-
-def test_a_store_is_not_merged_with_itself(capsys):
-    run("--budget", "3", "--store", "a.db")
-    assert "a.db: given twice" in complaint(capsys, "export --format store a.db a.db --out c.db")
-    assert not Path("c.db").exists()
 
 
 def test_a_run_of_narrower_ranges_is_gone_on_with_in_these(monkeypatch, capsys):

@@ -11,7 +11,6 @@ from tests.common.test_reading import in_little_memory
 from tests.doubles import failed, stored, trial
 from tests.report.stores import store as triaged_store
 from vlafuzz.errors import StoreError
-from vlafuzz.store.merge import merge
 from vlafuzz.store.store import Store
 
 
@@ -87,14 +86,6 @@ def test_a_value_of_more_than_64_mib_is_refused(original: bytes, tmp_path: Path)
     path = changed(tmp_path / "a.db", original, "UPDATE run SET command = hex(zeroblob(35000000))")
     with pytest.raises(StoreError, match="a value has more than 64 MiB"):
         read_all(path)
-
-
-def test_merging_takes_no_names_from_a_store(original: bytes, tmp_path: Path):
-    column = '"a"", (SELECT 1) FROM run; --"'
-    path = changed(tmp_path / "a.db", original, f"ALTER TABLE scene ADD COLUMN {column} TEXT")
-    with pytest.raises(StoreError, match="'scene' in it is not as vlafuzz made it"):
-        merge([path], tmp_path / "out.db")
-    assert not (tmp_path / "out.db").exists()
 
 
 @pytest.mark.parametrize("place", [0.1, 0.3, 0.5, 0.7, 0.9])

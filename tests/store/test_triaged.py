@@ -15,7 +15,6 @@ from vlafuzz.errors import StoreError
 from vlafuzz.model import Causes, Mechanism, Rate, Threshold, Witness
 from vlafuzz.search.probability import Probability
 from vlafuzz.store import rows
-from vlafuzz.store.merge import merge
 from vlafuzz.store.migrations import STEPS
 from vlafuzz.store.records import Attribution, FoundCause, Triaged
 from vlafuzz.store.store import Store
@@ -89,14 +88,6 @@ def test_triaging_a_finding_again_replaces_what_was_made_of_it(tmp_path: Path):
     assert [triaged.bucket for triaged in read(path)] == ["flaky"]
 
 
-@pytest.mark.parametrize("first", [0, 1])
-def test_of_two_stores_that_triaged_a_finding_the_better_evidence_is_kept(tmp_path: Path, first: int):
-    stores = [store(tmp_path / "a.db", MINIMAL), store(tmp_path / "b.db", FLAKY)]
-    merge([stores[first], stores[1 - first]], tmp_path / "out.db")
-    (got,) = read(tmp_path / "out.db")
-    assert (got.bucket, got.shrunk, got.shrink_rollouts) == ("minimal", MINIMAL.shrunk, 17)
-
-
 def test_a_bucket_that_is_none_is_refused(tmp_path: Path):
     with pytest.raises(Exception, match="CHECK constraint failed"):
         store(tmp_path / "a.db", replace(FLAKY, bucket="great"))
@@ -155,10 +146,3 @@ def test_a_run_that_found_no_cause_differs_from_one_that_did_not_look(tmp_path: 
         assert (opened.causes(1), opened.causes(other)) == (Attribution(()), None)
         with pytest.raises(StoreError, match="no run 9"):
             opened.causes(9)
-
-
-def test_merging_keeps_the_causes_of_every_run(tmp_path: Path):
-    one = caused(tmp_path / "one.db", Attribution((CROWDED,), 1))
-    merge([one, caused(tmp_path / "other.db", FOUND)], tmp_path / "out.db")
-    assert read_causes(tmp_path / "out.db", 1) == Attribution((CROWDED,), 1)
-    assert read_causes(tmp_path / "out.db", 2) == FOUND

@@ -28,7 +28,7 @@ COMMANDS = {
         "List what was found, write it as one HTML page, or follow a run in the browser.",
     ),
     "replay": ("vlafuzz.cli.replay:command", "Run one scene or failure again and show it."),
-    "export": ("vlafuzz.cli.export:export", "Write scenes, stores and corpora to files, also of other formats."),
+    "export": ("vlafuzz.cli.export:export", "Write scenes and corpora to files, also of other formats."),
     "regress": ("vlafuzz.cli.corpora:regress", "Check whether a policy got worse on an exported corpus."),
     "diff": ("vlafuzz.cli.corpora:diff", "Compare two policies by their causes: fixed, remaining, new."),
     "bisect": ("vlafuzz.cli.corpora:bisect", "Find out which of several checkpoints broke a policy."),

@@ -17,7 +17,7 @@ from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, VlafuzzErr
 from vlafuzz.model.scene_lines import is_document, write_scenes
 
 Shown = Literal["failed", "random"]
-Format = Literal["vlafuzz", "lerobot", "store"]
+Format = Literal["vlafuzz", "lerobot"]
 
 
 def export(
@@ -25,7 +25,7 @@ def export(
         list[Path],
         typer.Argument(
             help="A store that `vlafuzz run` wrote; a file of scenes, .jsonl; several of VLATest's, .json; "
-            "for lerobot also a corpus; for store several stores.",
+            "for lerobot also a corpus.",
             metavar="SOURCE...",
         ),
     ],
@@ -50,10 +50,7 @@ def export(
         ),
     ] = None,
     trust: TrustFlag = False,
-    format_: Annotated[
-        Format,
-        option("One JSON scene a line, a data set of LeRobot, or one store with all runs of several.", flag="--format"),
-    ] = "vlafuzz",
+    format_: Annotated[Format, option("One JSON scene a line, or a data set of LeRobot.", flag="--format")] = "vlafuzz",
     scenes: Annotated[
         Shown | None,
         option("What lerobot's episodes show: failing scenes, or as many random ones to compare with.", "failed"),
@@ -80,9 +77,6 @@ def export(
 
     VLATest's files become one file of ours, in order, with their robots, objects and distances, for `vlafuzz run
     --pack`.
-
-    With --format store all runs, trials and failures of several stores are written to a new one. A scene that fails for
-    one policy in several stores is one failure; a run that is in two of them appears twice.
     """
     foreign = format_ == "vlafuzz" and not minimal and all(map(is_document, sources))
     if format_ != "lerobot" or minimal:
@@ -93,8 +87,8 @@ def export(
     if not minimal:
         refuse({"--controls": controls}, "only a corpus has controls, see --minimal")
     check_number("--workers", workers, 1)
-    if len(sources) > 1 and not foreign and (minimal or format_ != "store"):
-        problem = f"{sources[1]}: several sources are for VLATest's files and --format store"
+    if len(sources) > 1 and not foreign:
+        problem = f"{sources[1]}: several sources are for VLATest's files"
         raise UsageError(problem, hint="export one after the other")
     if foreign:
         _import_scenes(sources, out)
@@ -103,13 +97,6 @@ def export(
             hint = "its folder has scenes.jsonl, which `vlafuzz run --scenes` reads"
             raise UsageError("--minimal does not go with --format", hint)
         _export_corpus(sources[0], out, run, controls, workers or 1)
-    elif format_ == "store":
-        from vlafuzz.store.merge import merge
-
-        if twice := next((store for number, store in enumerate(sources) if store in sources[:number]), None):
-            raise UsageError(f"{twice}: given twice", hint="give each store once")
-        merged = merge(sources, out)
-        Bar.note(f"{merged.runs} runs, {merged.trials} trials and {merged.findings} failures written to {out}")
     elif format_ == "lerobot":
         _export_demonstrations(sources[0], out, run, scenes, demos, hold_out, workers)
     else:

@@ -11,9 +11,9 @@ from tests.failures.corpus.corpora import PNG
 from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedRunner, scenes
 from vlafuzz.common.watch import SILENT
-from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
+from vlafuzz.errors import PrerequisiteError, StoreError
 from vlafuzz.failures.corpus.controls import CONTROL, number_of, record
-from vlafuzz.failures.corpus.export import FLAKY, UNSOLVED, export
+from vlafuzz.failures.corpus.export import FLAKY, OTHER, UNSOLVED, export
 from vlafuzz.failures.triage.pipeline import triage
 from vlafuzz.model import Outcome, Scene
 from vlafuzz.store.store import Store
@@ -150,9 +150,10 @@ def test_a_store_without_minimal_findings_is_told(tmp_path: Path):
             export(store, runner, name="a")
 
 
-def test_findings_of_several_policies_do_not_go_into_one_corpus(store: Store):
-    run = begun(store, ended(scenes([DARK], 3)[-1]), about=manifest(policy="other"))
+def test_of_several_policies_the_newest_run_s_has_the_corpus(store: Store):
+    begun(store, ended(scenes([DARK], 3)[-1]), about=manifest(policy="other"))
     triage(store, runner)
-    with pytest.raises(UsageError, match=r"has findings of .* and task"):
-        export(store, runner, name="a")
-    assert len(export(store, runner, name="a", run=run).cases) == 1
+    corpus = export(store, runner, name="a")
+    assert ([run.policy for run in corpus.runs], len(corpus.cases)) == (["other"], 1)
+    assert sum(corpus.evidence.left_out.values()) == 4 == corpus.evidence.left_out[OTHER]
+    assert {run.policy for run in export(store, runner, name="a", run=1).runs} == {"idle"}

@@ -10,7 +10,7 @@ from operator import itemgetter
 
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
-from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
+from vlafuzz.errors import PrerequisiteError, StoreError
 from vlafuzz.failures.corpus.controls import CONTROLS, EXPORT, MILDER, record
 from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.failures.corpus.sign_test import power_of
@@ -32,6 +32,7 @@ UNJUDGED = "the policy or the simulator broke"
 FLAKY = "it no longer fails"
 LATER = "it fails at a later stage than it did"
 UNSOLVED = "its witness no longer solves it"
+OTHER = "it is of another policy or task than the newest run"
 
 
 def export(
@@ -45,7 +46,7 @@ def export(
     workers: int = 1,
     watch: Watch = SILENT,
 ) -> Corpus:
-    """The minimal findings of a store that still hold, one case per scene, and the policy's controls.
+    """The minimal findings of the newest run's policy that still hold, one case per scene, and its controls.
 
     A finding holds if the policy fails no later than it did, passes in every counterpart, and a replay of the witness
     solves the scene.
@@ -58,22 +59,19 @@ def export(
         workers: processes that share the rollouts; ``runner`` is picklable where there are several.
 
     Raises:
-        UsageError: the store has several tasks or policies.
         StoreError: the store has no minimal finding, or none that holds.
         PrerequisiteError: the policy passes in so few controls that there could be no alarm.
     """
-    chosen = _choose(store, run, task)
+    found = _choose(store, run, task)
     runs = {begun.id: begun for begun in store.runs()}
+    kinds = {number: (runs[number].manifest.tested, runs[number].manifest.task) for number, _ in found}
+    chosen = [one for one in found if kinds[one[0]] == kinds[max(kinds)]]
     numbers = sorted({number for number, _ in chosen})
-    kinds = {f"{runs[number].manifest.tested} on {runs[number].manifest.task}" for number in numbers}
-    if len(kinds) > 1:
-        problem = f"has findings of {', '.join(sorted(kinds))}; a corpus has one policy and task"
-        raise UsageError(f"{store.path}: {problem}", hint="--run N exports the findings of one run")
     cases: dict[Scene, Case] = {}
     recorded: list[Control] = []
     takes = duration((controls + PER_CASE * len(chosen)) * pace(store, workers))
     watch.note(f"{plural(len(chosen), 'minimal finding')} and {controls} controls: about {takes}")
-    left_out: Counter[str] = Counter()
+    left_out = Counter({OTHER: len(found) - len(chosen)} if len(chosen) < len(found) else {})
     checked = partial(watch.progress, "minimal findings checked", total=len(chosen))
     done = count(1)
     checked(0)
