@@ -35,6 +35,6 @@ def wanted(store: Path, task: str, kind: Kind) -> Iterator[WantedScene]:
         folder = corpus_dir() / f"mini-{task}"
         corpus = read_corpus(folder)
         scenes = [(scene, case) for case in corpus.cases for scene in (case.scene, *case.counterparts.values())]
-        return around(folder, [FailingScene(scene, corpus.runs[case.run], case.signature) for scene, case in scenes])
+        return around(folder, [FailingScene(scene, corpus.runs[case.run]) for scene, case in scenes])
     failures = failures_of(store)
     return at_random(store, failures) if kind == "random" else around(store, failures)

@@ -8,7 +8,6 @@ from tests.doubles import manifest, stored
 from tests.failures.corpus.test_export import CheckingRunner
 from tests.failures.triage.planted import TILTED
 from vlafuzz.cli import main
-from vlafuzz.exports.selection import failures_of
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.model import Scene
 from vlafuzz.model.scene_lines import load_scenes
@@ -67,14 +66,6 @@ def test_bad_flags_are_one_sentence_with_a_hint(flags, says: str, capsys):
     before = sorted(Path().iterdir())
     assert says in complaint(capsys, ["export", "a.db", *flags])
     assert sorted(Path().iterdir()) == before
-
-
-def test_the_cause_of_a_triaged_failure_is_its_signature(store: Path):
-    failures = failures_of(store, 1)
-    with Store.open(store) as opened:
-        triaged = {row.scene: row.signature for row in opened.triaged()}
-    assert {failure.scene: failure.cause for failure in failures} == triaged
-    assert len(failures) == 3
 
 
 def test_a_store_without_failures_has_no_demonstrations(capsys):

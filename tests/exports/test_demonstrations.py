@@ -19,7 +19,6 @@ from vlafuzz.cli import main
 from vlafuzz.exports.demonstrations import Demonstrations, ExpertRunner, Packed
 from vlafuzz.exports.selection import around, failures_of
 from vlafuzz.model import Latency, Scene
-from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.servers import options_of
@@ -138,21 +137,11 @@ def test_random_scenes_are_as_many_as_there_are_failures(tmp_path: Path):
     assert not {row["scene"] for row in episodes} & {CAN.digest, APPLE.digest}
 
 
-@pytest.mark.render
-def test_what_is_held_out_is_written_beside_and_not_shown(tmp_path: Path):
-    path = failing(tmp_path / "a.db", tiny_pictures(), CAN, APPLE)
-    _, episodes = exported(path, tmp_path / "shown", "--hold-out", "0.5")
-    (held,) = load_scenes(tmp_path / "shown-held-out.jsonl")
-    assert {held.digest, *(row["scene"] for row in episodes)} == {CAN.digest, APPLE.digest}
-
-
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
         (["--demos", "3"], "--demos 3: only --format lerobot has it"),
         (["--format", "lerobot", "--demos", "0"], "--demos: expected at least 1, got 0"),
-        (["--format", "lerobot", "--hold-out", "1"], "--hold-out 1: not a share from 0 to below 1"),
-        (["--format", "lerobot", "--hold-out", "0.5"], "its 1 failures have one cause"),
     ],
 )
 def test_flags_that_make_no_sense(tmp_path: Path, flags: list[str], says: str, capsys):

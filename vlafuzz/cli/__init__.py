@@ -57,7 +57,7 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
     ),
     "export": (
         "vlafuzz export first.db --out failing.jsonl",
-        "vlafuzz export first.db --format lerobot --demos 400 --hold-out 0.2 --out demos",
+        "vlafuzz export first.db --format lerobot --demos 400 --out demos",
     ),
     "compare": (
         "vlafuzz compare --policy pinhole --budget 100 --repeats 7",

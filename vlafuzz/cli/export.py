@@ -56,14 +56,6 @@ def export(
         option("What lerobot's episodes show: failing scenes, or as many random ones to compare with.", "failed"),
     ] = None,
     demos: Annotated[int | None, option("Episodes of lerobot in all.", "one a scene")] = None,
-    hold_out: Annotated[
-        float | None,
-        option(
-            "Share of the failures that lerobot's episodes leave out, whole causes. Their scenes are written to "
-            "OUT-held-out.jsonl, for `vlafuzz run --scenes`.",
-            "0",
-        ),
-    ] = None,
 ) -> None:
     """Write the failing scenes of a store to a file, or its minimal failures to a folder; read scenes of VLATest.
 
@@ -80,8 +72,7 @@ def export(
     """
     foreign = format_ == "vlafuzz" and not minimal and all(map(is_document, sources))
     if format_ != "lerobot" or minimal:
-        wanted = {"--scenes": scenes, "--demos": demos, "--hold-out": hold_out}
-        refuse(wanted, "only --format lerobot has it")
+        refuse({"--scenes": scenes, "--demos": demos}, "only --format lerobot has it")
     if foreign:
         refuse({"--run": run}, f"{sources[0]} is a file of scenes, not a store")
     if not minimal:
@@ -98,7 +89,7 @@ def export(
             raise UsageError("--minimal does not go with --format", hint)
         _export_corpus(sources[0], out, run, controls, workers or 1)
     elif format_ == "lerobot":
-        _export_demonstrations(sources[0], out, run, scenes, demos, hold_out, workers)
+        _export_demonstrations(sources[0], out, run, scenes, demos, workers)
     else:
         from vlafuzz.exports.selection import SCENE_FILES, scenes_of
 
@@ -110,35 +101,18 @@ def export(
 
 
 def _export_demonstrations(
-    store: Path,
-    out: Path,
-    run: int | None,
-    scenes: Shown | None,
-    demos: int | None,
-    hold_out: float | None,
-    workers: int | None,
+    store: Path, out: Path, run: int | None, scenes: Shown | None, demos: int | None, workers: int | None
 ) -> None:
     """Let the expert solve failing scenes, and write a data set for LeRobot."""
     check_number("--demos", demos, 1)
-    if hold_out is not None and not 0 <= hold_out < 1:
-        raise UsageError(f"--hold-out {hold_out:g}: not a share from 0 to below 1", hint="--hold-out 0.2")
     from vlafuzz.exports.training import write_demonstrations
     from vlafuzz.rollouts.capacity import most_workers
 
     with Bar() as bar:
         written = write_demonstrations(
-            store,
-            out,
-            run,
-            which=scenes or "failed",
-            number=demos,
-            hold_out=hold_out or 0.0,
-            workers=workers or most_workers(),
-            watch=bar,
+            store, out, run, which=scenes or "failed", number=demos, workers=workers or most_workers(), watch=bar
         )
     Bar.note(f"{plural(written.demonstrations, 'demonstration')} written to {out}")
-    if written.held_out:
-        Bar.note(f"{plural(written.held_out, 'held-out scene')} written to {written.held_out_file}")
     _note_left_out(written.left_out)
 
 

@@ -1,8 +1,6 @@
-"""Which scenes are exported; and which are demonstrated: of failures, but for causes held out, or random ones."""
+"""Which scenes are exported; and which are demonstrated: of failures, or random ones."""
 
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -33,17 +31,11 @@ def scenes_of(source: Path, run: int | None = None) -> dict[Scene, str | None]:
         return dict.fromkeys((finding.scene for finding in store.findings(run)), "failed")
 
 
-@dataclass(frozen=True, eq=False)
-class FailingScene:
-    """A failing scene of a run.
-
-    Attributes:
-        cause: what failures of one cause have in common: a signature, or the cell where none of it is triaged.
-    """
+class FailingScene(NamedTuple):
+    """A failing scene of a run."""
 
     scene: Scene
     run: Manifest
-    cause: str
 
 
 class WantedScene(NamedTuple):
@@ -68,52 +60,17 @@ def failures_of(source: Path, run: int | None = None) -> list[FailingScene]:
     if run is not None:
         raise UsageError(f"--run {run}: {source} is a corpus, not a store", hint="leave out --run")
     corpus = read_corpus(source)
-    return [FailingScene(case.scene, corpus.runs[case.run], case.signature) for case in corpus.cases]
+    return [FailingScene(case.scene, corpus.runs[case.run]) for case in corpus.cases]
 
 
 def _findings(store: Store, run: int | None) -> list[FailingScene]:
     manifests = {begun.id: begun.manifest for begun in store.runs()}
-    findings = {finding: f"{finding.scene.task}|{finding.cell}" for finding in store.findings(run)}
-    signatures = {row.key: row.signature for row in store.triaged() if row.signature}
-    by_cell = {cell: signatures[finding.key] for finding, cell in findings.items() if finding.key in signatures}
     failures: dict[Scene, FailingScene] = {}
-    for finding, cell in findings.items():
-        cause = signatures.get(finding.key) or by_cell.get(cell, cell)
-        failures.setdefault(finding.scene, FailingScene(finding.scene, manifests[finding.run], cause))
+    for finding in store.findings(run):
+        failures.setdefault(finding.scene, FailingScene(finding.scene, manifests[finding.run]))
     if not failures:
         raise StoreError(f"{store.path}: has no failing scene", hint="`vlafuzz run` looks for some")
     return list(failures.values())
-
-
-def split(
-    source: Path, failures: Sequence[FailingScene], share: float
-) -> tuple[list[FailingScene], list[FailingScene]]:
-    """The failures to be demonstrated, and about that share of them that is held out.
-
-    Failures of one cause are on one side. ``source`` is for messages.
-
-    Raises:
-        UsageError: they are all of one cause.
-    """
-    if share == 0:
-        return list(failures), []
-    by_cause = defaultdict[str, list[FailingScene]](list)
-    for failure in failures:
-        by_cause[failure.cause].append(failure)
-    groups = list(by_cause.values())
-    wanted, out = share * len(failures), list[FailingScene]()
-    if len(groups) < 2:
-        problem = f"{source}: its {len(failures)} failures have one cause"
-        hint = "leave out --hold-out, and try the trained policy in random scenes with another --seed"
-        raise UsageError(problem, hint)
-    for number in np.random.default_rng(len(failures)).permutation(len(groups)):
-        group = groups[number]
-        if abs(len(out) + len(group) - wanted) < abs(len(out) - wanted):
-            out += group
-    if not out or len(out) == len(failures):  # few large groups: the smallest one
-        out = min(groups, key=len)
-    held = {failure.scene for failure in out}
-    return [failure for failure in failures if failure.scene not in held], out
 
 
 def around(source: Path, failures: Sequence[FailingScene]) -> Iterator[WantedScene]:

@@ -8,9 +8,8 @@ from vlafuzz.common.text import plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError, install
 from vlafuzz.exports.demonstrations import Demonstrations
-from vlafuzz.exports.selection import FailingScene, Which, around, at_random, failures_of, split
+from vlafuzz.exports.selection import FailingScene, Which, around, at_random, failures_of
 from vlafuzz.failures.corpus.folder import check_new, whole
-from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.policies.clients.model import Interface, interface_of
 from vlafuzz.worlds import world_of
 
@@ -18,17 +17,10 @@ TRIES = 4  # scenes that the expert tries for each demonstration, at most
 
 
 class Written(NamedTuple):
-    """The result of ``write_demonstrations``.
-
-    Attributes:
-        demonstrations: number of episodes; ``left_out``: scenes that were tried in vain, by reason. held_out: number of
-        failing scenes in ``held_out_file``, which is written if there are any.
-    """
+    """The number of episodes, and of scenes that were tried in vain, by reason."""
 
     demonstrations: int
     left_out: Mapping[str, int]
-    held_out: int
-    held_out_file: Path
 
 
 def write_demonstrations(
@@ -38,7 +30,6 @@ def write_demonstrations(
     *,
     which: Which = "failed",
     number: int | None = None,
-    hold_out: float = 0.0,
     workers: int = 1,
     watch: Watch = SILENT,
 ) -> Written:
@@ -46,17 +37,17 @@ def write_demonstrations(
 
     Args:
         source: store, folder of a corpus, or the name of a shipped corpus.
-        out: a new folder; the scenes that are held out go to a file beside it.
+        out: a new folder.
         run: only failures that this run of a store found.
         which: the failing scenes, or as many ``random`` ones of the same runs.
         number: of demonstrations in all; None for one a scene. From the second of a scene on, it is
             slightly jittered, and the expert begins with another grasp.
-        hold_out: share of the failures that is left out, with all others of the same cause. workers: processes.
+        workers: processes.
 
     Raises:
         PrerequisiteError: LeRobot is not installed, or nothing renders here.
         StoreError: no scene failed; a CorpusError if nothing could be shown.
-        UsageError: the failures are of several robots or kinds of policies, or nothing can be held out.
+        UsageError: the failures are of several robots or kinds of policies.
     """
     try:
         from vlafuzz.exports.lerobot import ACTION, STATE, write_dataset
@@ -65,16 +56,12 @@ def write_demonstrations(
         raise PrerequisiteError(message, hint=install("lerobot")) from None
 
     source, out = Path(source), Path(out)
-    beside = out.with_name(f"{out.name}-held-out.jsonl")
     check_new(out)
-    if hold_out and beside.exists():
-        raise UsageError(f"{beside}: exists already", hint="give --out another name")
-    failures, held_out = split(source, failures_of(source, run), hold_out)
+    failures = failures_of(source, run)
     interface, robot, hz = _alike(source, failures)
     total = number or len(failures)
     shown = Demonstrations(workers, watch)
-    held = f", {len(held_out)} more held out" if held_out else ""
-    watch.note(f"{plural(total, 'demonstration')} for {plural(len(failures), 'failure')}{held}")
+    watch.note(f"{plural(total, 'demonstration')} for {plural(len(failures), 'failure')}")
     wanted = at_random(source, failures) if which == "random" else around(source, failures)
     most = total if number is None and which != "random" else TRIES * max(total, len(failures))
     names = {STATE: interface.state_names, ACTION: interface.action_names}
@@ -83,10 +70,7 @@ def write_demonstrations(
         if not written:
             reasons = ", ".join(f"{reason} ({count})" for reason, count in shown.left_out.items())
             raise CorpusError(f"{source}: nothing can be demonstrated: {reasons}", hint="`vlafuzz doctor`")
-    if held_out:
-        failed = dict.fromkeys((failure.scene for failure in held_out), "failed")
-        write_scenes(beside, failed, failed)
-    return Written(written, shown.left_out, len(held_out), beside)
+    return Written(written, shown.left_out)
 
 
 def _alike(source: Path, failures: Sequence[FailingScene]) -> tuple[Interface, str, int]:
