@@ -27,11 +27,8 @@ class There(RuleRunner):
 
     space, stages = SPACE, STAGES
     asked: list[Scene]
-    most = 1000  # scenes until the user presses Ctrl-C
 
     def evaluate(self, scenes, numbers) -> list[Outcome]:
-        if len(self.asked) >= self.most:
-            raise KeyboardInterrupt
         self.asked.extend(scenes)
         outcomes = zip(scenes, super().evaluate(scenes, numbers), strict=True)
         return [Outcome.invalid("settling", "") if scene.targets[0].x > 0.08 else one for scene, one in outcomes]
@@ -54,7 +51,6 @@ def there(tmp_path: Path, monkeypatch) -> Callable[..., list[Scene]]:
     def made(passes: Callable[[Scene], bool], **of_run: object) -> list[Scene]:
         asked = list[Scene]()
         monkeypatch.setattr(There, "asked", asked, raising=False)
-        monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path / "cache"))
         monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", lambda source, run: There(passes, run))
         corpus = make_corpus(case(0), case(1), bright(2), aside(3))
         write_corpus(replace(corpus, runs=[replace(MANIFEST, policy="pinhole", **of_run)]), tmp_path / "found")
@@ -89,21 +85,6 @@ def test_two_workers_say_the_same(there, capsys, monkeypatch):
     alone = told(capsys, ["confirm", "found", "--world", OTHER, "--json"])
     monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", in_a_worker)
     assert told(capsys, ["confirm", "found", "--world", OTHER, "--workers", "2", "--json"]) == alone
-
-
-def test_an_interrupted_call_goes_on_where_it_was(there, capsys, monkeypatch):
-    asked = there(lit)
-    command = f"confirm found --world {OTHER} --json"
-    whole = typed(capsys, command).out
-    needed = len(asked)
-    asked.clear()
-    monkeypatch.setattr(There, "most", 21)  # after the nominal ones
-    assert "interrupted: the same command goes on where it was" in typed(capsys, command, code=130).err
-    monkeypatch.setattr(There, "most", 1000)
-    assert typed(capsys, command).out == whole
-    assert len(asked) == len(set(asked)) == needed
-    typed(capsys, command)
-    assert len(asked) == 2 * needed  # what is over is not kept
 
 
 def test_where_the_policy_does_not_work_nominally_causes_are_not_compared(there, capsys):

@@ -222,7 +222,7 @@ def confirm(
     from vlafuzz.failures.confirmation import confirm as confirmed_in
 
     check_number("--workers", workers, 1)
-    with interruptible("interrupted: the same command goes on where it was") as bar:
+    with interruptible("interrupted: nothing is kept") as bar:
         result = confirmed_in(source, world, bar, workers)
     if json:
         print_json(asdict(result))

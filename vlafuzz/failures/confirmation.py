@@ -1,20 +1,14 @@
 """Confirm: are the certified causes of one world causes in another one, too, or its simulator's own?"""
 
-import hashlib
-import json
-import platform
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from sys import maxsize
 from time import monotonic
 from typing import Literal
 
-from vlafuzz.common.assets import cache_dir
-from vlafuzz.common.files import write_whole, writing
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import StoreError, UsageError
@@ -29,7 +23,6 @@ from vlafuzz.rollouts.registry import Place, default_workers
 from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Judged, Repeats
 from vlafuzz.worlds import task_in, world_of
-from vlafuzz.worlds.provenance import commit
 
 WORKS = 0.7  # success in nominal scenes below which failures say more about the pictures than about a cause
 # Rollouts of a scene until it is told: four where no failure is by chance. A failing one takes three times as long as a
@@ -85,8 +78,6 @@ class Confirmation:
 def confirm(source: Path, world: str, watch: Watch = SILENT, workers: int | None = None) -> Confirmation:
     """Roll the policy out in another world, nominally and then where it is certified to fail and beside that.
 
-    What an interruption leaves is kept in the cache: the next call on this machine goes on from there.
-
     Args:
         workers: processes; by default as many as `vlafuzz triage` takes. Results do not depend on it.
 
@@ -102,50 +93,29 @@ def confirm(source: Path, world: str, watch: Watch = SILENT, workers: int | None
     runs = {one.run.key(seeded=False): one.run for one in causes}
     place = Place(workers or min(default_workers(run.policy) for run in runs.values()))
     nominal, confirmed = dict[str, Rate](), list[Confirmed]()
-    with _continued(world, *runs) as rolled:
-        for key, run in runs.items():
-            of_run = [one for one in causes if one.run.key(seeded=False) == key]
-            make = partial(scene_runner.SimulatorSceneRunner, source, elsewhere(run, world))
-            with crew_at(place, make, run.policy) as crew:
-                there = _There(crew.runner, space_of(source, run), rolled[key], watch)
-                known, began = len(there.rolled), monotonic()
-                ((_, rate),) = crew.each(there.nominal, [there.space.nominal()])
-                nominal[title_of([run])] = rate
-                passed = f"{rate.rollouts - rate.failures} of {rate.rollouts}"
-                watch.note(f"{title_of([run])} in {world}: solves {passed} nominal scenes")
-                if solved(rate) < WORKS:
-                    continue
-                if new := len(there.rolled) - known:
-                    scenes = sum(1 + len(one.counterparts) for one in of_run)
-                    seconds = SLOWER * EXPECTED * scenes * (monotonic() - began) / new
-                    watch.note(f"about {duration(seconds)}: {plural(len(of_run), 'cause')}, as fast as these")
-                answers = dict(crew.each(there.confirmed, of_run))
-                confirmed += [answers[number] for number in sorted(answers)]
+    for key, run in runs.items():
+        of_run = [one for one in causes if one.run.key(seeded=False) == key]
+        make = partial(scene_runner.SimulatorSceneRunner, source, elsewhere(run, world))
+        with crew_at(place, make, run.policy) as crew:
+            there = _There(crew.runner, space_of(source, run), watch)
+            began = monotonic()
+            ((_, rate),) = crew.each(there.nominal, [there.space.nominal()])
+            nominal[title_of([run])] = rate
+            passed = f"{rate.rollouts - rate.failures} of {rate.rollouts}"
+            watch.note(f"{title_of([run])} in {world}: solves {passed} nominal scenes")
+            if solved(rate) < WORKS:
+                continue
+            scenes = sum(1 + len(one.counterparts) for one in of_run)
+            seconds = SLOWER * EXPECTED * scenes * (monotonic() - began) / len(there.rolled)
+            watch.note(f"about {duration(seconds)}: {plural(len(of_run), 'cause')}, as fast as these")
+            answers = dict(crew.each(there.confirmed, of_run))
+            confirmed += [answers[number] for number in sorted(answers)]
     return Confirmation(world, nominal, tuple(confirmed))
 
 
 def solved(rate: Rate) -> float:
     """The share of rollouts that passed; 0 where none could be judged."""
     return 1 - rate.share if rate.rollouts else 0.0
-
-
-@contextmanager
-def _continued(world: str, *runs: str) -> Iterator[dict[str, Repeats]]:
-    """The rollouts in the other world by the key of their run: those that an interrupted call left, and new ones."""
-    about = json.dumps([platform.node(), commit(), world, *runs])
-    file = cache_dir() / "confirm" / f"{hashlib.blake2b(about.encode(), digest_size=8).hexdigest()}.json"
-    rolled: dict[str, Repeats] = {key: {} for key in runs}
-    with suppress(OSError, ValueError):  # there is none, or not a whole one
-        for key, digest, number, verdict, lost, rollouts in json.loads(file.read_text(encoding="utf-8")):
-            rolled[key][digest, number] = Judged(Verdict(verdict), lost, rollouts)
-    try:
-        yield rolled
-    except BaseException:
-        rows = [(key, *at, *one[:3]) for key, of_run in rolled.items() for at, one in of_run.items()]
-        with suppress(UsageError), writing(file):
-            write_whole(file, json.dumps(rows))
-        raise
-    file.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)
@@ -157,8 +127,8 @@ class _There:
 
     runner: SceneRunner
     space: Space
-    rolled: Repeats
     watch: Watch
+    rolled: Repeats = field(default_factory=dict)
 
     def nominal(self, scene: Scene) -> Rate:
         return self._oracle().repeated(scene, MOST)
