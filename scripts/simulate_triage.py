@@ -109,9 +109,6 @@ class Simulated:
     def play(self, scene: Scene, actions: object) -> Outcome:
         return _passed()
 
-    def picture(self, scene: Scene) -> bytes | None:
-        return None
-
     def close(self) -> None: ...
 
 

@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 
 import vlafuzz
-from tests.failures.corpus.corpora import PNG, case, make_corpus
+from tests.failures.corpus.corpora import case, make_corpus
 from tests.packs import box, write_pack
-from vlafuzz.errors import CatalogueError, CorpusError, UsageError
+from vlafuzz.errors import CatalogueError, UsageError
 from vlafuzz.failures.corpus.folder import read_corpus, write_corpus
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, WEIGHTS
 from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.worlds.recording import to_png
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 
 ROOT = Path(vlafuzz.__file__).parent
@@ -46,7 +47,6 @@ KINDS: dict[str, Callable[[Path], object]] = {"corpus": read_corpus, "pack": rea
 FILES = [
     *(("corpus", name) for name in ("manifest.json", "scenes.jsonl", "counterparts.jsonl", "controls.jsonl")),
     ("corpus", "witnesses/*.npy"),
-    ("corpus", "thumbnails/*.png"),
     ("pack", "info_mine.json"),
     ("pack", "models/brick/collision.obj"),
     ("pack", "models/brick/texture.png"),
@@ -59,7 +59,7 @@ def valid(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("valid")
     write_corpus(make_corpus(case(), controls=1), folder / "corpus")
     write_pack(folder / "pack", brick=box(0.04, 0.06, 0.1))
-    (folder / "pack/models/brick/texture.png").write_bytes(PNG)
+    (folder / "pack/models/brick/texture.png").write_bytes(to_png(np.zeros((1, 1, 3), np.uint8)))
     (folder / "mini").mkdir()
     for name in (CARD, WEIGHTS):
         os.link(SHIPPED / name, folder / "mini" / name)
@@ -108,24 +108,13 @@ def test_anything_else_is_refused_at_once(kind: str, name: str, replace, receive
     assert SECRET not in f"{refused.value.message}{refused.value.hint}"
 
 
-@pytest.mark.parametrize(
-    ("kind", "name"), [("corpus", "thumbnails"), ("corpus", "witnesses"), ("pack", "models/brick")]
-)
+@pytest.mark.parametrize(("kind", "name"), [("corpus", "witnesses"), ("pack", "models/brick")])
 def test_no_folder_in_it_is_a_link(kind: str, name: str, received: Callable[[str], Path]):
     folder = received(kind)
     (folder / name).rename(folder.parent / "elsewhere")
     (folder / name).symlink_to(folder.parent / "elsewhere")
     with pytest.raises(UsageError, match="a link, or a path that leads out of the folder"):
         KINDS[kind](folder)
-
-
-def test_a_thumbnail_is_a_picture(received: Callable[[str], Path]):
-    folder = received("corpus")
-    (path,) = folder.glob("thumbnails/*")
-    path.unlink()
-    path.write_bytes(PNG[:8] + SECRET.encode())
-    with pytest.raises(CorpusError, match=r"\.png: no picture"):
-        read_corpus(folder)
 
 
 MATERIAL = "newmtl a\nmap_Kd {}\n"

@@ -46,9 +46,6 @@ class Runner:
     def play(self, scene: Scene, actions: object) -> Outcome:
         return self._passed
 
-    def picture(self, scene: Scene) -> bytes | None:
-        return None
-
     def close(self) -> None: ...
 
 

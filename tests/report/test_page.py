@@ -9,13 +9,11 @@ from typing import Any
 import pytest
 
 from tests.doubles import scene, stored
-from tests.failures.corpus.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from vlafuzz.errors import SceneError, StoreError
 from vlafuzz.model import Scene
 from vlafuzz.report.films import beside, filmed
 from vlafuzz.report.page import check_place, render, write_page
-from vlafuzz.report.sources import view_of_corpus
 from vlafuzz.store.store import Store
 
 HOSTILE = "</script><script>alert('x')</script><b title=\"&amp;\">"
@@ -93,13 +91,6 @@ def test_foreign_text_stays_text(tmp_path: Path):
     assert len(page.all("script")) == 5
     assert HOSTILE in page.text
     assert "b" not in {name for name, attributes in page.tags if "title" in attributes}
-
-
-def test_every_picture_has_a_description():
-    corpus = make_corpus()
-    corpus.runs[0] = MANIFEST
-    (picture,) = Page(render(view_of_corpus(Path("dark"), corpus))).all("img")
-    assert picture["alt"] == "The scene before anything moves: pick up green cube"
 
 
 def test_an_empty_store_gives_a_page_that_says_so(tmp_path: Path):

@@ -75,7 +75,6 @@ class DescribedFailure(Failure):
         counterparts: of a certified one, by operator the scene without it, in which the policy passes.
         rate: how often the policy fails around the scene; None if unknown.
         before_event: of those that were found, how many failed before any of their events had begun.
-        picture: PNG of the scene; None in a store.
     """
 
     scene: Scene
@@ -92,7 +91,6 @@ class DescribedFailure(Failure):
     detail: str
     replay: str
     before_event: int = 0
-    picture: bytes | None = None
 
     @property
     def stage(self) -> str:
@@ -154,7 +152,6 @@ def described_case(folder: pathlib.Path, corpus: Corpus, case: Case) -> Describe
         rate=case.certified,
         detail=f"fails {_around(case.certified)}" if case.certified else _repeats(case.failures, case.repeats),
         replay=_replay(folder / SCENES, case.scene, run.policy),
-        picture=case.thumbnail,
     )
 
 

@@ -145,8 +145,8 @@ function scatter(plot, xAxis, yAxis, map = null) {
 
 // A dot opens its card, whose picture is beside it as long as it is pointed at or has the focus.
 function linked(link, card) {
-  const shown = card.querySelector(".fails video") || card.querySelector("video, .still img");
-  const source = shown?.poster || shown?.src;
+  const shown = card.querySelector(".fails video") || card.querySelector("video");
+  const source = shown?.poster;
   const picture = html("img", { class: "preview", alt: "" });
   const show = () => {
     if (!source) return;

@@ -130,10 +130,6 @@ class SharedRunner:
     def play(self, scene: Scene, actions: Actions) -> Outcome:
         return cast(Outcome, self._ask(methodcaller("play", scene, actions)).result())
 
-    def picture(self, scene: Scene) -> bytes | None:
-        picture = self._ask(methodcaller("picture", scene)).result()
-        return picture if isinstance(picture, bytes) else None  # an ERROR where the worker was lost
-
     def close(self) -> None:
         """Nothing: the owner of the executor closes it."""
 

@@ -8,7 +8,6 @@ from typing import Protocol
 import numpy as np
 
 from vlafuzz.common.plugins import check_trusted
-from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model import Actions, Conditions, Outcome, Scene, Solver, Space, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.controls import Player
@@ -19,7 +18,7 @@ from vlafuzz.rollouts.setup import here, make_evaluator
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.evaluator import FILM_SPEED, FRAMES, Film, SceneEvaluator
 from vlafuzz.worlds.provenance import elsewhere
-from vlafuzz.worlds.recording import Recording, to_jpeg, to_mp4, to_png
+from vlafuzz.worlds.recording import Recording, to_jpeg, to_mp4
 
 _ROUNDED = 1e-5  # of progress, which is kept as 32-bit floats
 
@@ -48,9 +47,6 @@ class SceneRunner(Protocol):
 
     def play(self, scene: Scene, actions: Actions) -> Outcome:
         """The outcome when the robot executes these actions."""
-
-    def picture(self, scene: Scene) -> bytes | None:
-        """PNG of a fair scene as the third-person camera sees it; None where nothing can be rendered."""
 
     def close(self) -> None:
         """Release simulator and policies."""
@@ -91,7 +87,6 @@ class SimulatorSceneRunner:
         now = replace(conditions, **here(name, self._policy, self.space))
         self.changed = tuple(name for name in conditions.differences(now) if name != "place")
         self.elsewhere = elsewhere(conditions.place, now.place)
-        self._stills: SceneEvaluator | None = None
         # By whether given actions are played
         self._filmed: dict[bool, tuple[SceneEvaluator, Recording]] = {}
         self.lanes = lanes_for(self._policy)
@@ -125,14 +120,6 @@ class SimulatorSceneRunner:
     def play(self, scene: Scene, actions: Actions) -> Outcome:
         self._player.actions = actions
         return evaluate_safely(self._players, scene)
-
-    def picture(self, scene: Scene) -> bytes | None:
-        try:
-            if self._stills is None:
-                self._stills = self._evaluator(self._player, checked=False, recording=Recording(256))
-            return to_png(self._stills.still(scene))
-        except PrerequisiteError:
-            return None
 
     def film(self, scene: Scene, actions: Actions | None = None) -> Film | str:
         """What the policy does in a fair scene, or the robot that executes actions; else why there is none."""
@@ -172,7 +159,7 @@ class SimulatorSceneRunner:
 
     def close(self) -> None:
         self._lockstep.close()
-        for evaluator in filter(None, (self._stills, *(filmed for filmed, _ in self._filmed.values()))):
+        for evaluator, _ in self._filmed.values():
             evaluator.renew()  # policy and player are closed below
         for evaluator in (*self._experts.values(), self._players):
             evaluator.close()

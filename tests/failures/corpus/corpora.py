@@ -1,19 +1,13 @@
 """A corpus without a simulator: planted failures with made-up witnesses, and controls."""
 
-from base64 import b64decode
-
 import numpy as np
 
 from tests.doubles import manifest, scene
 from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.model import Causes, Scene, Threshold, Witness
 
-PNG = b64decode(  # one pixel
-    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
-)
 
-
-def case(number: int = 0, *, thumbnail: bytes | None = PNG, run: int = 0, reference: Scene | None = None) -> Case:
+def case(number: int = 0, *, run: int = 0, reference: Scene | None = None) -> Case:
     failing = scene(light=1 / 16, x=-0.04 + 0.001 * number)
     dim = (("light.intensity", 0.25),)
     threshold = Threshold("light", dim, 0.5, low=dim, high=dim, direction="dark", ranges=((dim, ()),))
@@ -23,7 +17,7 @@ def case(number: int = 0, *, thumbnail: bytes | None = PNG, run: int = 0, refere
     cause = {"lost_stage": "grasp", "signature": "pick-up|grasp|light:dark", "operators": ("light",), "causes": causes}
     passing = {"counterparts": {"light": scene(x=-0.04 + 0.001 * number)}, "nominal": scene(), "nominal_passes": True}
     counts = {"run": run, "repeats": 1, "failures": 1, "rollouts": 20 + number}
-    shown = {"reference": reference, "witness": witness, "found": "f" * 32, "thumbnail": thumbnail}
+    shown = {"reference": reference, "witness": witness, "found": "f" * 32}
     return Case(scene=failing, **cause, **passing, **counts, **shown)
 
 

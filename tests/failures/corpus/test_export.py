@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import begun, ended, failed, manifest, passed
-from tests.failures.corpus.corpora import PNG
 from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedRunner, scenes
 from vlafuzz.common.watch import SILENT
@@ -21,9 +20,6 @@ from vlafuzz.store.store import Store
 
 class CheckingRunner(PlantedRunner):
     renderer = "a renderer"
-
-    def picture(self, scene: Scene) -> bytes | None:
-        return PNG
 
 
 def runner(run) -> CheckingRunner:
@@ -73,7 +69,6 @@ def test_every_minimal_finding_that_holds_is_a_case_with_all_its_proofs(store: S
         assert not any(fails(scene) for scene in case.counterparts.values())
         assert tuple(case.counterparts) == case.operators == case.causes.necessary
         assert (case.nominal, case.nominal_passes) == (SPACE.nominal(like=case.scene), True)
-        assert case.thumbnail == PNG
         assert len(case.witness.actions) > 0
     assert (corpus.name, corpus.renderer, corpus.evidence.left_out) == ("mine", "a renderer", {})
     assert corpus.evidence.search_rollouts == 4

@@ -13,10 +13,10 @@ import pytest
 
 from tests.common.test_reading import in_little_memory
 from tests.doubles import scene
-from tests.failures.corpus.corpora import PNG, case, control, make_corpus
+from tests.failures.corpus.corpora import case, control, make_corpus
 from vlafuzz.errors import CorpusError
 from vlafuzz.failures.corpus.corpus import Corpus
-from vlafuzz.failures.corpus.folder import is_corpus, read_corpus, thumbnail_path, witness_path, write_corpus
+from vlafuzz.failures.corpus.folder import is_corpus, read_corpus, witness_path, write_corpus
 from vlafuzz.model.scene_lines import load_scenes, write_scenes
 
 
@@ -29,10 +29,9 @@ def plain(corpus: Corpus) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("controls", [0, 3])
-@pytest.mark.parametrize("thumbnail", [PNG, None])
-def test_it_reads_back_as_it_was_and_its_scenes_are_a_file_of_scenes(tmp_path: Path, thumbnail, controls: int) -> None:
+def test_it_reads_back_as_it_was_and_its_scenes_are_a_file_of_scenes(tmp_path: Path, controls: int) -> None:
     cases = (
-        case(number, thumbnail=thumbnail, run=number % 2, reference=reference)
+        case(number, run=number % 2, reference=reference)
         for number, reference in enumerate([None, scene(light=1 / 4, x=0.0002), scene(light=1 / 4)])
     )
     written = make_corpus(*cases, runs=2, controls=controls)
@@ -67,11 +66,10 @@ def test_a_changed_witness_is_told(folder: Path) -> None:
     assert complaint(folder).startswith(f"{path}: was changed: its digest is ")
 
 
-def test_a_missing_witness_or_thumbnail_is_told(folder: Path) -> None:
-    for path in (thumbnail_path(folder, case(1).scene), witness_path(folder, case(1).scene)):
-        path.rename(path.with_suffix(".away"))
-        assert complaint(folder) == f"{path}: cannot be read: no such file or directory"
-        path.with_suffix(".away").rename(path)
+def test_a_missing_witness_is_told(folder: Path) -> None:
+    path = witness_path(folder, case(1).scene)
+    path.unlink()
+    assert complaint(folder) == f"{path}: cannot be read: no such file or directory"
 
 
 def test_schema_1_with_other_names_for_policy_and_scene_file_is_read(folder: Path) -> None:

@@ -14,7 +14,7 @@ SCHEMA = 3  # of the folder, described in corpus/README.md
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Facts(Failure):
-    """A failure without its witness and picture: what the manifest of a folder holds, scenes by their digests.
+    """A failure without its witness: what the manifest of a folder holds, scenes by their digests.
 
     Attributes:
         scene: minimal: the policy needs every one of ``operators`` to fail.
@@ -44,15 +44,9 @@ class Facts(Failure):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Case(Facts):
-    """One failure.
-
-    Attributes:
-        witness: a solution of the scene.
-        thumbnail: PNG from the third-person camera; None where nothing could be rendered.
-    """
+    """One failure; ``witness`` is a solution of its scene."""
 
     witness: Witness
-    thumbnail: bytes | None = None
 
     @property
     def title(self) -> str:

@@ -154,7 +154,6 @@ def _check(triaged: Triaged, run: int, runner: SceneRunner) -> Case | str:
         found=triaged.scene.digest,
         run=run,
         rollouts=triaged.shrink_rollouts,
-        thumbnail=runner.picture(scene),
     )
 
 

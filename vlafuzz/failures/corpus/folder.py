@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, ConfigDict, TypeAdapter, ValidationError
 
 from vlafuzz.common.assets import corpus_dir
 from vlafuzz.common.files import replacing, writing
-from vlafuzz.common.reading import MIB, decoded, first_problem, npy_array, read_bytes, read_json
+from vlafuzz.common.reading import MIB, first_problem, npy_array, read_bytes, read_json
 from vlafuzz.errors import CorpusError, SceneError, VlafuzzError
 from vlafuzz.failures.corpus.corpus import SCHEMA, Case, Control, Corpus, Evidence, Facts
 from vlafuzz.model import Actions, Scene, Solver, Witness
@@ -49,11 +49,11 @@ class _WitnessRow:
 
 @dataclass(frozen=True, kw_only=True)
 class _CaseRow(Facts):
-    """A case, with its files by their digests."""
+    """A case, with its witness by the digest of its file; ``thumbnail``: a picture of earlier versions, not read."""
 
     __pydantic_config__ = _STRICT
     witness: _WitnessRow
-    thumbnail: bool
+    thumbnail: bool = False
 
 
 _Run = Annotated[Manifest, BeforeValidator(lambda kept: from_kept(kept) if isinstance(kept, dict) else kept)]
@@ -61,7 +61,7 @@ _Run = Annotated[Manifest, BeforeValidator(lambda kept: from_kept(kept) if isins
 
 @dataclass(frozen=True, kw_only=True)
 class _Manifest:
-    """All of a corpus but the scenes, actions and images."""
+    """All of a corpus but the scenes and actions."""
 
     __pydantic_config__ = _STRICT
     schema: int
@@ -94,11 +94,6 @@ def witness_path(folder: Path, scene: Scene) -> Path:
     return folder / "witnesses" / f"{scene.digest}.npy"
 
 
-def thumbnail_path(folder: Path, scene: Scene) -> Path:
-    """The file with the image of a scene."""
-    return folder / "thumbnails" / f"{scene.digest}.png"
-
-
 def write_corpus(corpus: Corpus, folder: Path) -> None:
     """Write a new folder; a CorpusError if it exists already, or cannot be written."""
     with whole(folder) as unfinished:
@@ -123,8 +118,7 @@ def check_new(folder: Path) -> None:
 
 
 def _write(corpus: Corpus, folder: Path) -> None:
-    for part in ("witnesses", "thumbnails"):
-        (folder / part).mkdir(parents=True)
+    (folder / "witnesses").mkdir(parents=True)
     beside = ((*case.counterparts.values(), case.nominal, case.reference) for case in corpus.cases)
     write_scenes(folder / SCENES, [case.scene for case in corpus.cases])
     write_scenes(folder / COUNTERPARTS, dict.fromkeys(filter(None, chain.from_iterable(beside))))
@@ -132,8 +126,6 @@ def _write(corpus: Corpus, folder: Path) -> None:
         write_scenes(folder / CONTROLS, [control.scene for control in corpus.controls])
     for case in corpus.cases:
         witness_path(folder, case.scene).write_bytes(_npy(case.witness.actions))
-        if case.thumbnail is not None:
-            thumbnail_path(folder, case.scene).write_bytes(case.thumbnail)
     manifest = _Manifest(
         schema=SCHEMA,
         runs=tuple(corpus.runs),
@@ -148,7 +140,7 @@ def _write(corpus: Corpus, folder: Path) -> None:
 def _row(case: Case) -> _CaseRow:
     actions, witness = case.witness.actions, case.witness
     kept = _WitnessRow(_digest(_npy(actions)), len(actions), witness.states_hash, witness.attempt, witness.solver)
-    return _CaseRow(witness=kept, thumbnail=case.thumbnail is not None, **_fields(case, _OF_CASE))
+    return _CaseRow(witness=kept, **_fields(case, _OF_CASE))
 
 
 def _fields(value: object, names: tuple[str, ...]) -> dict[str, Any]:
@@ -221,18 +213,8 @@ def _case(folder: Path, number: int, row: _CaseRow) -> Case:
         raise _damaged(f"{path}: actions of {actions.shape[1]} numbers, and {wanted}")
     return Case(
         witness=Witness(actions, row.witness.states_hash, row.witness.attempt, row.witness.solver),
-        thumbnail=_read_picture(thumbnail_path(folder, failing), folder) if row.thumbnail else None,
         **_fields(row, _OF_CASE),
     )
-
-
-def _read_picture(path: Path, folder: Path) -> bytes:
-    data = _read(path, folder)
-    try:
-        decoded(data, "PNG")
-    except ValueError as error:
-        raise _damaged(f"{path}: {error}") from None
-    return data
 
 
 def _read_actions(path: Path, digest: str, folder: Path) -> Actions:
