@@ -127,7 +127,6 @@ def _read_store(rng: Rng, path: Path) -> None:
         if rng.random() < 0.3:
             render(view_of_store(store))
     commands: tuple[tuple[object, ...], ...] = (
-        ("export", "--format", "store", path, samples.store(), "--out", path.with_name("merged.db")),
         ("export", path, "--out", path.with_name("out.jsonl")),
         ("report", path, "--no-videos", "--out", path.with_name("out.html")),
         ("replay", path, "nosuch"),

@@ -1,4 +1,4 @@
-"""How commands end: signals, a stdout that cannot be written, and user code that leaves or prints."""
+"""How commands end: signals, a reader that is gone, and user code that leaves or prints."""
 
 import json
 import os
@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import pytest
 
@@ -62,58 +61,6 @@ def test_sigterm_ends_a_run_in_order_and_names_what_is_stored_to_go_on(monkeypat
     assert "--resume" not in said
 
 
-def started(code: str, *arguments: str) -> subprocess.Popen[str]:
-    """The command as a process of its own, in which ``code`` runs first; Ctrl-C is not ignored."""
-    source = f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler); {code}"
-    run = f"{source}\nimport sys; from vlafuzz.__main__ import main; sys.exit(main())"
-    command = [sys.executable, "-c", run, *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-INTERRUPTED_IN = {
-    "an import": "sys.meta_path.insert(0, Finder('typer'))",
-    "the import of a command": "sys.meta_path.insert(0, Finder('vlafuzz.cli.lists'))",
-    "code that is compiled": "sys.meta_path.insert(0, Finder('vlafuzz.cli.lists', 'exec(\"raised()\")'))",
-}
-FINDER = """
-import sys
-def raised():
-    signal.raise_signal(signal.{signal})
-class Finder:
-    def __init__(self, name, code="raised()"):
-        self.name, self.code = name, code
-    def find_spec(self, name, *_):
-        if name == self.name:
-            exec(self.code, globals())
-"""
-
-
-@pytest.mark.parametrize(("where", "number"), [*zip(INTERRUPTED_IN, ["SIGTERM", "SIGINT", "SIGINT"], strict=True)])
-def test_an_interruption_during_the_start_has_its_sentence_and_exit_code(where: str, number: str):
-    code = FINDER.replace("{signal}", number) + INTERRUPTED_IN[where]
-    with started(code, "list", "operators") as process:
-        _, stderr = process.communicate()
-    assert (process.returncode, stderr) == (130, "error: interrupted\n")
-
-
-def test_an_interruption_that_is_swallowed_ends_the_command_all_the_same():
-    swallowing = """
-import time
-from vlafuzz.cli import ending
-from vlafuzz.cli import lists
-ending.GRACE = 0.1
-def swallow(*_):
-    try:
-        signal.raise_signal(signal.SIGINT)
-    except BaseException:
-        time.sleep(60)
-lists.opened = swallow
-"""
-    with started(swallowing, "list", "operators") as process:
-        _, stderr = process.communicate()
-    assert (process.returncode, stderr) == (130, "\nended at once: finished trials are stored\n")
-
-
 def test_an_interrupted_command_says_so(monkeypatch, capsys):
     monkeypatch.setattr("vlafuzz.cli.lists.opened", lambda *_: signal.raise_signal(signal.SIGINT))
     assert typed(capsys, ["list", "operators"], code=130).err == "error: interrupted\n"
@@ -143,15 +90,6 @@ def test_a_reader_that_is_gone_is_neither_success_nor_findings(command: list[str
     done = subprocess.run(words, stdout=write, stderr=subprocess.PIPE, text=True, timeout=60)
     os.close(write)
     assert (done.returncode, done.stderr) == (141, "")
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
-def test_a_full_stdout_is_one_sentence():
-    words = [sys.executable, "-m", "vlafuzz", "list", "policies"]
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert done.returncode == 2
-    assert done.stderr == "error: stdout: cannot be written: no space left on device\n"
 
 
 def test_a_factory_that_leaves_the_process_is_an_error(capsys):

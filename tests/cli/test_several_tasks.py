@@ -43,8 +43,6 @@ def test_a_store_of_several_tasks_and_policies_is_read_by_every_command(mixed: P
         ["report", str(mixed), "--json"],
         ["report", str(mixed), "--no-videos", "--out", "page.html"],
         ["export", str(mixed), "--out", "failing.jsonl"],
-        ["export", "--format", "store", str(mixed), "--out", "merged.db"],
-        ["report", "merged.db", "--no-videos", "--out", "merged.html"],
     ):
         assert main(command) == 0, command
     assert "python:tests.doubles:make_idle on put-on · fails at:" in capsys.readouterr().out

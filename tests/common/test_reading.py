@@ -179,7 +179,6 @@ class TestMeshes:
     [
         ["run", "--scenes"], ["run", "--operators"], ["run", "--pack"], ["run", "--store"], ["lint"],
         ["triage"], ["replay"], ["report", "--out", "x.html"], ["regress"],
-        ["export", "--format", "store", "--out", "x.db"],
         ["export", "--out", "x.jsonl"], ["report"],
         ["lint", "a.jsonl", "--pack"],
         ["run", "--policy", "openpi:ws://127.0.0.1:9?profile=x.yaml", "--store"],

@@ -1,6 +1,7 @@
 """The command line. The module of a command is imported when it is called, so that others start fast."""
 
 import importlib
+import os
 import re
 import sys
 import traceback
@@ -12,7 +13,7 @@ import typer
 from typer.core import TyperCommand
 
 from vlafuzz import __version__
-from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard
+from vlafuzz.cli.ending import CLOSED, INTERRUPTED, ending_in_order
 from vlafuzz.common.plugins import EVERYTHING, trust, trusting
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
 
@@ -86,9 +87,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with ending_in_order():
         try:
             code = _run(arguments)
-            Checked(sys.stdout).flush()
-        except StdoutError as error:
-            return error.exit_code if error.exit_code == CLOSED else _complain(str(error), None, error.exit_code)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # for Python's flush at its end
+            return CLOSED
     return code
 
 
@@ -108,9 +110,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         )
     except typer.Abort:
         return _complain("interrupted", None, INTERRUPTED)
-    except StdoutError:
-        raise
-    except SystemExit as exit_:  # typer raises none, but rich does for a help text that nobody reads
+    except SystemExit as exit_:  # of typer and rich for what nobody reads
         if isinstance(exit_.__context__, BrokenPipeError):
             return CLOSED
         return _complain(f"a policy or strategy ended the process: sys.exit({exit_.code!r})", "raise errors", 2)
@@ -119,8 +119,6 @@ def _run(arguments: Sequence[str] | None) -> int:
             return _complain(f"{error.filename}: {error.strerror}", "check the path, and the disk", 2)
         traceback.print_exc()
         return BUG
-    if heard() and ended == INTERRUPTED:  # typer exits without a word
-        return _complain("interrupted", None, INTERRUPTED)
     return ended if isinstance(ended, int) else 0
 
 

@@ -13,30 +13,32 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 from rich.text import Text
 
-from vlafuzz.cli.ending import INTERRUPTED as INTERRUPTED, Checked, heard
+from vlafuzz.cli.ending import INTERRUPTED as INTERRUPTED
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.text import duration
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import printable
 
 EVERY = 30.0  # seconds at least between lines about long work where no terminal shows a bar
-_data: list[Checked] = []  # the stdout of the command that runs
+_data: list[Any] = []  # the stdout of the command that runs
 
 
 @contextmanager
 def stdout_for_data() -> Iterator[None]:
     """Keep stdout for what ``print_rows`` and others print: what a user's code prints goes to stderr."""
-    _data.append(Checked(sys.stdout))
+    _data.append(sys.stdout)
     try:
         with redirect_stdout(sys.stderr):
             yield
+    except KeyboardInterrupt:  # of which typer would say nothing
+        raise typer.Abort from None
     finally:
         _data.pop()
 
 
 def data() -> Any:
     """The stream for data."""
-    return _data[-1] if _data else Checked(sys.stdout)
+    return _data[-1] if _data else sys.stdout
 
 
 class _SafeConsole(Console):
@@ -210,7 +212,6 @@ def interruptible(note: str | Callable[[], str], until: Deadline | None = None) 
         try:
             yield bar
         except KeyboardInterrupt:
-            heard()
             bar.clear()
             bar.note(note if isinstance(note, str) else note())
             raise typer.Exit(INTERRUPTED) from None
