@@ -29,7 +29,6 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.common.files import write_whole
 from vlafuzz.common.statistics import Share
-from vlafuzz.common.text import markdown_table
 from vlafuzz.errors import SimulatorError
 from vlafuzz.model import Conditions, Light, Outcome, Scene
 from vlafuzz.model.scene import CameraBump, LightSwitch, Moment, Slide
@@ -121,7 +120,8 @@ def table(found: list[Pair]) -> str:
         about = {"kind": kind, "severity": severity, "pairs": len(fair), "unfair": len(group) - len(fair)}
         ends = {"without": [pair.control for pair in fair], "with": [bool(pair.changed) for pair in fair]}
         rows.append(about | {arm: Share.of_counts(sum(passed), len(passed)) for arm, passed in ends.items()})
-    return markdown_table(rows)
+    lines = [list(rows[0]), ["---"] * len(rows[0]), *(list(map(str, row.values())) for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def main() -> None:

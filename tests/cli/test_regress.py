@@ -85,9 +85,8 @@ def test_its_time_may_end_before_it_tells(capsys):
 
 def test_one_that_solves_the_failures_is_fine_and_said_to_fix_them_in_every_output(capsys):
     assert "failures are fixed: 30 of 30 failing scenes fixed" in regress(capsys, "expert").out
-    printed = json.loads(regress(capsys, "expert --json --summary a.md").out)
+    printed = json.loads(regress(capsys, "expert --json").out)
     assert (printed["fixed"]["changed"], printed["fixed"]["of"], printed["fixed"]["shown"]) == (30, 30, True)
-    assert printed["changes"] in Path("a.md").read_text()
 
 
 def test_models_at_one_address_are_told_apart_by_their_labels(tmp_path: Path, capsys):
@@ -122,15 +121,6 @@ def test_other_conditions_than_the_corpus_are_said(monkeypatch, capsys):
     assert "than the corpus: its simulator, renderer differ" in regress(capsys, "expert").err
 
 
-def test_a_summary_names_the_broken_scenes(capsys):
-    regress(capsys, "pinhole --whole --summary a.md", code=1)
-    summary = Path("a.md").read_text()
-    assert summary.startswith("## ❌ pinhole is worse than idle as recorded: ")
-    assert "| controls | 40 | 40 |" in summary
-    regress(capsys, "idle --summary b.md")
-    assert Path("b.md").read_text().startswith("## ✅ idle is not shown to be worse")
-
-
 def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(monkeypatch, capsys):
     class Broken(RuleRunner):
         def evaluate(self, scenes, numbers):
@@ -150,7 +140,6 @@ def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(monkeypatch, ca
         (["dark", "--policy", "idel"], "error: unknown policy 'idel'"),
         (["dark", "--policy", "idle", "--baseline", "x"], "error: unknown policy 'x'"),
         (["dark", "--policy", "idle", "--alpha", "5"], "error: --alpha: expected a probability above 0"),
-        (["dark", "--policy", "idle", "--summary", "no/a.md"], "error: --summary: no/a.md: no place"),
     ],
 )
 def test_what_is_wrong_is_said_before_anything_is_run(arguments, said, capsys):

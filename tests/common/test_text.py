@@ -1,6 +1,6 @@
 import pytest
 
-from vlafuzz.common.text import markdown_table, size
+from vlafuzz.common.text import size
 
 
 @pytest.mark.parametrize(
@@ -8,10 +8,3 @@ from vlafuzz.common.text import markdown_table, size
 )
 def test_small_sizes_are_shown_in_kilobytes(number: int, shown: str):
     assert size(number) == shown
-
-
-def test_names_do_not_become_markdown():
-    rows = [{"scene": "a|b", "why": "<b>*x*</b>\nand [more](http://x)", "who": "@all www.x.org &lt;\x1b"}]
-    assert markdown_table(rows).splitlines()[2] == (
-        r"| a\|b | \<b\>\*x\*\</b\> and \[more\](http:&#8203;//x) | @&#8203;all www&#8203;.x.org \&lt;\\x1b |"
-    )

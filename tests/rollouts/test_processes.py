@@ -1,4 +1,4 @@
-"""Workers that die, hang or exhaust the memory cost a retry, then an ERROR, and never the run."""
+"""Workers that die or hang cost a retry, then an ERROR, and never the run."""
 
 import os
 import signal
@@ -52,12 +52,6 @@ def hang() -> None:
     time.sleep(600)
 
 
-def gorge() -> None:
-    held = bytearray(1300 * 2**20)
-    held[::4096] = b"x" * len(held[::4096])
-    time.sleep(600)
-
-
 def same(evaluator: Evaluator) -> Evaluator:
     return evaluator
 
@@ -99,7 +93,6 @@ TROUBLES = {
     "killed": (die, {}, "worker: was killed by SIGKILL, 2 times"),
     "gone": (leave, {}, "worker: ended with exit code 7, 2 times"),
     "hung": (hang, {"timeout": 2.0}, "worker: no answer within 2 s, 2 times"),
-    "greedy": (gorge, {"memory": 2**30}, "worker: held more than 1.0 GiB of memory, 2 times"),
 }
 
 

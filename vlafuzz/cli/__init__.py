@@ -54,7 +54,7 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
     "report": ("vlafuzz report first.db --out page.html", "vlafuzz report mini-pick-up --out corpus.html --no-videos"),
     "regress": (
         "vlafuzz regress mini-pick-up --policy mini",
-        "vlafuzz regress my-corpus --policy python:mine:make --baseline python:old:make --summary regress.md",
+        "vlafuzz regress my-corpus --policy python:mine:make --baseline python:old:make",
     ),
     "export": (
         "vlafuzz export first.db --out failing.jsonl",

@@ -52,7 +52,6 @@ def regress(
     nights: Annotated[int, option("Comparisons with this corpus, such as one a night, that share --alpha.")] = 1,
     whole: Annotated[bool, option("Do not stop at an alarm: run everything.", flag="--whole")] = False,
     time: TimeFlag = None,
-    summary: Annotated[Path | None, option("Write the verdict and the tables as Markdown.")] = None,
     trust: TrustFlag = False,
     json: JsonFlag = False,
 ) -> None:
@@ -62,14 +61,12 @@ def regress(
     and ends at an alarm. Then the failing scenes are run, jittered, to show what is fixed. They raise no alarm: they
     were selected by what the corpus's own policy does.
     """
-    if summary is not None and (summary.is_dir() or not summary.absolute().parent.is_dir()):
-        raise UsageError(f"--summary: {summary}: no place for a file", hint="name a file in a folder that is there")
     _check_policies(policy, baseline)
     check_probability("--alpha", alpha)
     check_number("--nights", nights, 1)
     until = deadline("--time", time)
     from vlafuzz.failures.corpus.policies import compare_policies
-    from vlafuzz.failures.corpus.tables import difference, document, tables, write_summary
+    from vlafuzz.failures.corpus.tables import difference, document, tables
 
     with Bar() as bar:
         compared = compare_policies(
@@ -91,9 +88,6 @@ def regress(
         early = {"worse": "stopped", "time": "--time is over"}.get(compared.stopped)
         stopped = f"{early} after {compared.tried} controls: " if early else ""
         print_lines(difference(compared), compared.changes, f"{stopped}{compared.verdict}")
-    if summary:  # last: where it cannot be written, the result of hours is shown all the same
-        write_summary(compared, summary)
-        Bar.note(f"written: {summary}")
     if compared.alarm:
         raise typer.Exit(1)
     if not compared.tells:

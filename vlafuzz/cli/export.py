@@ -24,8 +24,7 @@ def export(
     sources: Annotated[
         list[Path],
         typer.Argument(
-            help="A store that `vlafuzz run` wrote; a file of scenes, .jsonl; several of VLATest's, .json; "
-            "for lerobot also a corpus.",
+            help="A store that `vlafuzz run` wrote; files of VLATest's scenes, .json; for lerobot also a corpus.",
             metavar="SOURCE...",
         ),
     ],
@@ -91,13 +90,12 @@ def export(
     elif format_ == "lerobot":
         _export_demonstrations(sources[0], out, run, scenes, demos, workers)
     else:
-        from vlafuzz.exports.selection import SCENE_FILES, scenes_of
+        from vlafuzz.exports.selection import scenes_of
 
         chosen = scenes_of(sources[0], run)
         with writing(out):
-            write_scenes(out, chosen, chosen)
-        what = "scenes" if sources[0].suffix in SCENE_FILES else "failed scenes"
-        Bar.note(f"{len(chosen)} {what} written to {out}")
+            write_scenes(out, chosen)
+        Bar.note(f"{len(chosen)} failed scenes written to {out}")
 
 
 def _export_demonstrations(

@@ -1,12 +1,9 @@
 """Numbers, names and tables as people read them."""
 
 import math
-import re
 import reprlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from typing import Any
-
-from vlafuzz.errors import printable
 
 Row = dict[str, Any]
 
@@ -63,20 +60,6 @@ def duration(seconds: float) -> str:
 def size(number: int) -> str:
     """Bytes as ``48 kB`` or ``1.2 MB``."""
     return f"{number / 1e6:.1f} MB" if number >= 1e6 else f"{math.ceil(number / 1e3)} kB"
-
-
-def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows with the same keys as a table of GitHub's Markdown; None as a dash."""
-    heads = list(rows[0]) if rows else []
-    lines = [heads, ["---"] * len(heads), *([markdown_text(row[head]) for head in heads] for row in rows)]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def markdown_text(value: object) -> str:
-    """Text that shows as it is, without HTML, links or ``@name``: names come from files and servers."""
-    text = "–" if value is None else printable(" ".join(str(value).split()))
-    text = re.sub(r"[\\|<>*_`\[\]!~&]", r"\\\g<0>", text)
-    return re.sub(r"@|:(?=//)|www(?=\.)", "\\g<0>&#8203;", text)  # a space without width
 
 
 def ambiguous(a: str, b: str) -> bool:

@@ -11,24 +11,17 @@ from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
 from vlafuzz.failures.described import space_of
 from vlafuzz.model import Scene
-from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 
 Which = Literal["failed", "random"]
-SCENE_FILES = (".jsonl", ".json")  # files without runs and verdicts
 DEMONSTRATE = 300_000_000  # numbers of jitters and draws from here on; see ``failures.corpus.controls``
 
 
-def scenes_of(source: Path, run: int | None = None) -> dict[Scene, str | None]:
-    """The distinct scenes of a store that failed; all scenes of a file, whose verdict is None, as it is not known."""
-    if source.suffix in SCENE_FILES:
-        if run is not None:
-            problem = f"--run {run}: {source} is a file of scenes, not a store"
-            raise UsageError(problem, hint="leave out --run")
-        return dict.fromkeys(load_scenes(source))
+def scenes_of(source: Path, run: int | None = None) -> list[Scene]:
+    """The distinct scenes of a store that failed."""
     with Store.open(source) as store:
-        return dict.fromkeys((finding.scene for finding in store.findings(run)), "failed")
+        return list(dict.fromkeys(finding.scene for finding in store.findings(run)))
 
 
 class FailingScene(NamedTuple):

@@ -1,7 +1,7 @@
-"""Files of scenes: JSON lines, a scene a line with its verdict if known."""
+"""Files of scenes: JSON lines, a scene a line."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from vlafuzz.common.files import write_whole
@@ -45,7 +45,7 @@ def load_scenes(path: Path | str, inside: Path | None = None) -> list[Scene]:
 
 
 def _without_verdict(line: str) -> str:
-    """The scene of a line, which may have a verdict beside it."""
+    """The scene of a line, which has a verdict beside it in files of earlier versions."""
     if _VERDICT not in line:
         return line
     try:
@@ -57,16 +57,11 @@ def _without_verdict(line: str) -> str:
     return json.dumps(document)
 
 
-def write_scenes(path: Path, scenes: Iterable[Scene], verdicts: Mapping[Scene, str | None] | None = None) -> None:
-    """Write JSON lines atomically, with the verdicts that are known beside the scenes."""
+def write_scenes(path: Path, scenes: Iterable[Scene]) -> None:
+    """Write JSON lines atomically."""
     if path.is_dir():
         raise UsageError(f"{path}: is a folder", hint="name a file in it")
-    write_whole(path, "".join(_line(scene, (verdicts or {}).get(scene)) + "\n" for scene in scenes))
-
-
-def _line(scene: Scene, verdict: str | None) -> str:
-    text = scene.to_json()
-    return text if verdict is None else f'{text[:-1]},"{_VERDICT}":"{verdict}"}}'
+    write_whole(path, "".join(f"{scene.to_json()}\n" for scene in scenes))
 
 
 def is_store(path: Path) -> bool:

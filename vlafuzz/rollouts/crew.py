@@ -1,6 +1,5 @@
 """Crews: scene runners for work on several things at a time, in this process, in others, or on ray."""
 
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
@@ -51,8 +50,7 @@ def crew_at(place: Place, make: Make, policy: str) -> Iterator[Crew]:
     with suppress(UsageError):  # for a name that is none, which ``make`` says in its own sentence
         several = is_shared(policy)
     together = share(policy, everywhere=place.kind == "ray") if several else None
-    # Its memory is not bounded: a runner has several simulators.
-    with closing(workers_at(place, partial(_Desk, make, policy), together, memory=sys.maxsize)) as executor:
+    with closing(workers_at(place, partial(_Desk, make, policy), together)) as executor:
         about: Any = dict(executor.run([(0, _about)]))[0]
         if isinstance(about, Outcome):
             problem = f"{about.detail.removeprefix('worker: ')}: finished findings are stored"

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing import connection
-from pathlib import Path
 from typing import Any
 
 from vlafuzz.errors import PrerequisiteError, VlafuzzError
@@ -22,33 +21,24 @@ Make = Callable[[], Evaluator]  # makes a worker's evaluator, in the worker; pic
 class ProcessExecutor(WorkerPool):
     """Workers that are forked once, with one thread each, and replaced when they die.
 
-    When a worker dies, hangs or exceeds its memory, its scene is tried once more in another one; after that, it is
-    ERROR. A worker that never becomes ready counts as dead.
+    When a worker dies or hangs, its scene is tried once more in another one; after that, it is ERROR. A worker that
+    never becomes ready counts as dead; so does one that the system ends for want of memory.
 
     Args:
         timeout: seconds per scene before its worker is killed; the first one includes the simulator's start.
-        memory: bytes that a worker may use; None for an equal share.
         options: see ``WorkerPool``.
     """
 
-    def __init__(
-        self, make: Make, workers: int, *, timeout: float = TIMEOUT, memory: int | None = None, **options: Any
-    ) -> None:
-        limit = memory or share(workers)
-        super().__init__(lambda: _started(make, timeout, limit), _wait, workers, **options)
+    def __init__(self, make: Make, workers: int, *, timeout: float = TIMEOUT, **options: Any) -> None:
+        super().__init__(lambda: _started(make, timeout), _wait, workers, **options)
 
 
-def share(workers: int) -> int:
-    """Bytes of memory per worker: together they may use four fifths of the machine's."""
-    return int(0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / workers)
-
-
-def _started(make: Make, timeout: float, memory: int) -> "_Process":
+def _started(make: Make, timeout: float) -> "_Process":
     """A worker; where the server that forks them dies, another one begins, once."""
     with suppress(EOFError, OSError):
-        return _Process(make, timeout, memory)
+        return _Process(make, timeout)
     try:
-        return _Process(make, timeout, memory)
+        return _Process(make, timeout)
     except (EOFError, OSError) as error:
         message = f"no worker process starts: {type(error).__name__}: {error}"
         raise PrerequisiteError(message, hint="is there memory for it? --workers 1 needs none") from None
@@ -57,7 +47,7 @@ def _started(make: Make, timeout: float, memory: int) -> "_Process":
 class _Process:
     """A ``Worker`` in a process, with the pipe to it."""
 
-    def __init__(self, make: Make, timeout: float, memory: int) -> None:
+    def __init__(self, make: Make, timeout: float) -> None:
         forked = forks.context()
         self.pipe, child_end = forked.Pipe()
         self._process = forked.Process(target=_serve, args=(child_end,), daemon=True)
@@ -66,8 +56,7 @@ class _Process:
             child_end.close()
             self._send(dict(os.environ))
         self._send(make)
-        self._timeout, self._memory = timeout, memory
-        self._up, self._began = False, 0.0
+        self._timeout, self._up, self._began = timeout, False, 0.0
 
     def ready(self) -> bool:
         return True
@@ -100,12 +89,10 @@ class _Process:
             self.pipe.send(message)
 
     def _check(self) -> None:
-        """Raise Lost when the worker exceeds its time or memory."""
+        """Raise Lost when the worker exceeds its time."""
         allowed = self._timeout if self._up else TIMEOUT
         if time.monotonic() - self._began > allowed:
             raise Lost(f"no answer within {allowed:.0f} s")
-        if _resident(self._process.pid) > self._memory:
-            raise Lost(f"held more than {self._memory / 2**30:.1f} GiB of memory")
 
 
 def _wait(workers: Sequence[Any], seconds: float) -> None:
@@ -137,10 +124,3 @@ def cause_of_death(process: Any) -> str:
     if code is not None and code < 0:
         return f"was killed by {signal.Signals(-code).name}"
     return f"ended with exit code {code}"
-
-
-def _resident(pid: int | None) -> int:
-    """Resident memory in bytes; 0 where the system does not report it."""
-    with suppress(OSError, IndexError, ValueError):
-        return int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    return 0

@@ -14,7 +14,7 @@ from ray.exceptions import RayActorError, RayError
 
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 from vlafuzz.model import Outcome
-from vlafuzz.rollouts.processes import Make, ProcessExecutor, share
+from vlafuzz.rollouts.processes import Make, ProcessExecutor
 from vlafuzz.rollouts.worker_pool import TIMEOUT, TRIES, Lost, WorkerPool
 
 REPLY = 5.0  # seconds for a cluster to accept a connection; ray itself tries for minutes
@@ -24,8 +24,8 @@ STORE = 100 * 2**20  # bytes of shared memory for our own ray instance: scenes a
 class RayExecutor(WorkerPool):
     """Actors that are started once and replaced when they die, each with one worker process.
 
-    The process works under the rules of ``ProcessExecutor``: a crash, a timeout or too much memory is noticed at once,
-    on whichever machine, and the scene is tried once more. When an actor is lost, for instance with its machine, its
+    The process works under the rules of ``ProcessExecutor``: a crash or a timeout is noticed at once, on whichever
+    machine, and the scene is tried once more. When an actor is lost, for instance with its machine, its
     scene is tried once more by another one. UsageError when the cluster is too small, PrerequisiteError when none
     answers.
 
@@ -34,21 +34,14 @@ class RayExecutor(WorkerPool):
         actors, each taking one CPU of the cluster.
         address: ``auto`` or host:port of a cluster; None for a new ray instance on this machine. A connection that this
             process already has is used and left open.
-        timeout, memory, options: see ``ProcessExecutor``.
+        timeout, options: see ``ProcessExecutor``.
     """
 
     def __init__(
-        self,
-        make: Make,
-        workers: int,
-        *,
-        address: str | None = None,
-        timeout: float = TIMEOUT,
-        memory: int | None = None,
-        **options: Any,
+        self, make: Make, workers: int, *, address: str | None = None, timeout: float = TIMEOUT, **options: Any
     ) -> None:
         self._ours = _connect(address, workers)
-        super().__init__(partial(_Actor, make, timeout, memory, workers), _wait, workers, **options)
+        super().__init__(partial(_Actor, make, timeout), _wait, workers, **options)
         room = int(ray.cluster_resources().get("CPU", 0))
         if room < workers:
             self.close()
@@ -67,9 +60,9 @@ class RayExecutor(WorkerPool):
 class _Actor:
     """A ``Worker`` as the driver sees it: an actor and its pending call."""
 
-    def __init__(self, make: Make, timeout: float, memory: int | None, workers: int) -> None:
+    def __init__(self, make: Make, timeout: float) -> None:
         actor: Any = ray.remote(num_cpus=1)(_RemoteWorker)
-        self._actor = actor.remote(make, timeout, memory, workers)
+        self._actor = actor.remote(make, timeout)
         self._allowed = TRIES * (TIMEOUT + timeout)  # seconds, more than its process has
         self.pending: Any = self._actor.greet.remote()
 
@@ -103,11 +96,10 @@ class _Actor:
 class _RemoteWorker:
     """The class of the actors, which runs on the worker's machine and keeps the process that evaluates."""
 
-    def __init__(self, make: Make, timeout: float, memory: int | None, workers: int) -> None:
+    def __init__(self, make: Make, timeout: float) -> None:
         if os.environ.get("CUDA_VISIBLE_DEVICES") == "":
             del os.environ["CUDA_VISIBLE_DEVICES"]  # older ray hides GPUs from actors that request none
-        neighbours = min(workers, os.cpu_count() or 1)  # so many workers may share this machine
-        self._executor = ProcessExecutor(make, 1, timeout=timeout, memory=memory or share(neighbours))
+        self._executor = ProcessExecutor(make, 1, timeout=timeout)
 
     def greet(self) -> None:
         """Return as soon as the actor exists."""

@@ -29,7 +29,6 @@ MANIFEST, SCENES, COUNTERPARTS = "manifest.json", "scenes.jsonl", "counterparts.
 CONTROLS = "controls.jsonl"
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 _AGAIN = "`vlafuzz export STORE --minimal` writes a new one"
-_RENAMED = {"subject": "policy", "given": "scene_file"}  # in schema 2
 # What a corpus or case and its row in the manifest have in common; the other fields are files or digests.
 _OF_CORPUS = ("name", "created", "renderer", "versions", "evidence")
 _OF_CASE = tuple(fact.name for fact in fields(Facts))
@@ -161,15 +160,12 @@ def read_corpus(folder: Path) -> Corpus:
 
 
 def _read_manifest(path: Path, folder: Path) -> _Manifest:
-    """Read and validate a manifest of any schema so far."""
+    """Read and validate a manifest."""
     content = read_json(path, CorpusError, hint="expected an exported corpus", inside=folder)
     try:
         schema = content["schema"] if isinstance(content, dict) else None
         if isinstance(schema, int) and schema > SCHEMA:
             raise CorpusError(f"{path}: schema {schema} is newer than {SCHEMA}", hint="upgrade vlafuzz")
-        if schema == 1:
-            runs = [{_RENAMED.get(name, name): value for name, value in run.items()} for run in content["runs"]]
-            content = content | {"schema": SCHEMA, "runs": runs}
         files = (SCENES, COUNTERPARTS, *([CONTROLS] if (folder / CONTROLS).is_file() else []))
         scenes = {scene.digest: scene for file in files for scene in load_scenes(folder / file, folder)}
 

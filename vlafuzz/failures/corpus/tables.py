@@ -1,18 +1,15 @@
-"""Comparisons of policies as tables, JSON and Markdown."""
+"""Comparisons of policies as tables and JSON."""
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any, get_args
 
-from vlafuzz.common.files import write_whole, writing
-from vlafuzz.common.text import Row, markdown_table, markdown_text, points
+from vlafuzz.common.text import Row, points
 from vlafuzz.failures.corpus.bisect import Bisection
 from vlafuzz.failures.corpus.diff import ORDER, Difference
 from vlafuzz.failures.corpus.pairs import Compared, Fixed, Group, Standing
 from vlafuzz.failures.corpus.regress import Comparison
 
 _GROUPS: dict[Group, str] = {"control": "controls", "failing": "failing scenes"}
-SHOWN = 20  # rows of a Markdown table
 
 
 def tables(compared: Comparison) -> dict[str, list[Row]]:
@@ -132,18 +129,3 @@ def bisection_document(result: Bisection, corpus: str) -> dict[str, Any]:
             if ran
         ],
     }
-
-
-def write_summary(comparison: Comparison, path: Path) -> None:
-    """Write the verdict and the tables as Markdown, atomically; a UsageError if the system refuses."""
-    sign = "❌" if comparison.alarm else "✅" if comparison.tells else "❔"
-    parts = [
-        f"## {sign} {markdown_text(comparison.verdict)}",
-        markdown_text(comparison.changes),
-        difference(comparison),
-    ]
-    for title, rows in tables(comparison).items():
-        left = f"\n\n… and {len(rows) - SHOWN} more" if len(rows) > SHOWN else ""
-        parts.append(f"### {markdown_text(title)}\n\n{markdown_table(rows[:SHOWN])}{left}")
-    with writing(path, hint="give --summary another place"):
-        write_whole(path, "\n\n".join(filter(None, parts)) + "\n")
