@@ -84,19 +84,6 @@ def test_a_finding_is_replayed_as_it_was_found_whatever_ran_its_scene_later(tmp_
     assert wanted.conditions.policy == expected
 
 
-def test_a_label_says_whose_first_failure_is_shown_and_what_is_run(tmp_path, capsys):
-    path = tmp_path / "s.db"
-    for label, seed in (("v1", 0), ("v2", 1)):
-        flags = ["--policy", "frozen", "--label", label, "--budget", "2", "--config", "stop-early=true"]
-        typed(capsys, ["run", *flags, "--strategy", "random", "--seed", str(seed), "--store", str(path)])
-    with Store.open(path) as store:
-        v2 = store.findings(2)[0].scene
-    for label, same in (("v2", True), ("v3", None)):
-        report = told(capsys, ["replay", str(path), v2.digest, "--label", label, "--json"])
-        assert (report["policy"], report["same trajectory as stored"]) == (f"{label} (frozen)", same)
-    assert find(path, label="v2").scene == v2
-
-
 def test_what_cannot_be_run_is_a_sentence(tmp_path, capsys):
     unknown = replace(nominal("pick-up"), targets=(Placement("nope", "standing", 0.0, 0.0),))
     write_scenes(tmp_path / "s.jsonl", [unknown])

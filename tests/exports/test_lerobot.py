@@ -136,16 +136,6 @@ def test_statistics_are_those_of_all_frames(folder: Path):
     assert np.shape(stats["observation.images.front"]["mean"]) == (3, 1, 1)
 
 
-def test_a_file_is_not_filled_beyond_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from vlafuzz.exports import lerobot
-
-    monkeypatch.setattr(lerobot, "FILE_BYTES", 1)
-    lerobot.write_dataset([shown(number, 2) for number in range(3)], tmp_path, 5, "panda", NAMES)
-    assert [parquet.read_metadata(tmp_path / FRAMES.format(number)).num_rows for number in range(3)] == [2] * 3
-    episodes = parquet.read_table(tmp_path / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
-    assert [row["data/file_index"] for row in episodes] == [0, 1, 2]
-
-
 @pytest.mark.render
 def test_the_cases_of_a_corpus_are_demonstrated(corpus: Path, tmp_path: Path, capsys):
     out = tmp_path / "shown"

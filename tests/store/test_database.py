@@ -21,7 +21,7 @@ import pytest
 
 from tests.doubles import failed, stored, trial
 from vlafuzz.errors import StoreError
-from vlafuzz.store.migrations import STEPS, shape_at, shape_of
+from vlafuzz.store.migrations import STEPS
 from vlafuzz.store.store import Store
 
 
@@ -195,20 +195,22 @@ def test_a_store_of_the_first_released_schema_is_brought_up_to_date(path: Path, 
         raw.execute("ALTER TABLE rollout ADD COLUMN published_success INTEGER NOT NULL DEFAULT 0")
         raw.execute(STEPS[17][-1])  # creates `repeat`
         raw.execute("PRAGMA user_version = 17")
-        assert shape_of(raw) == shape_at(17)
     with Store.open(path, mode) as store:
         assert (len(store.findings()), store.triaged(), store.causes(1)) == (30, [], None)
     with closing(sqlite3.connect(path)) as raw:
         assert raw.execute("PRAGMA user_version").fetchone() == (max(STEPS),)
         assert raw.execute("SELECT DISTINCT world FROM run").fetchall() == [("{}",)]
-        assert shape_of(raw) == shape_at(max(STEPS))
+        columns = "SELECT m.name, c.name FROM sqlite_master m, pragma_table_info(m.name) c"
+        now = set(raw.execute(columns).fetchall())
+    with Store.open(path.with_name("new.db"), "write"), closing(sqlite3.connect(path.with_name("new.db"))) as raw:
+        assert now == set(raw.execute(columns).fetchall())
 
 
 def test_a_step_that_breaks_changes_nothing(path: Path, monkeypatch: pytest.MonkeyPatch):
     written(path)
     breaks = ("DROP TABLE finding", "DROP TABLE missing")
     monkeypatch.setattr("vlafuzz.store.migrations.STEPS", STEPS | {max(STEPS) + 1: breaks})
-    with pytest.raises(sqlite3.OperationalError, match="no such table: missing"):
+    with pytest.raises(StoreError, match="no such table: missing"):
         Store.open(path, "write")
     monkeypatch.undo()
     with Store.open(path, "write") as store:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.failures.causes import first_shown
-from vlafuzz.model import Actions, Conditions, Model, Outcome, Scene, Verdict
+from vlafuzz.model import Actions, Conditions, Outcome, Scene, Verdict
 from vlafuzz.model.scene_lines import is_store, load_scenes
 from vlafuzz.policies.base import ActionSpec, Policy, PolicySpec
 from vlafuzz.policies.controls import Player
@@ -43,17 +43,17 @@ class Replayed(NamedTuple):
     report: dict[str, Any]
 
 
-def find(source: Path, digest: str | None = None, policy: str | None = None, label: str | None = None) -> Replayable:
+def find(source: Path, digest: str | None = None, policy: str | None = None) -> Replayable:
     """The scene whose digest begins so; by default that which a store's last run names, or a file's first scene.
 
-    Of several runs of it in a store, the conditions are those of one of ``policy`` and ``label`` if there is any, else
-    of the one that found the failure.
+    Of several runs of it in a store, the conditions are those of one of ``policy`` if there is any, else of the one
+    that found the failure.
     """
     if not source.is_file():
         raise UsageError(f"{source}: no such file", hint="`vlafuzz run` says where its store is")
     if is_store(source):
         with Store.open(source) as store:
-            return _find_in_store(store, digest or first_shown(store, label), policy, label)
+            return _find_in_store(store, digest or first_shown(store), policy)
     scenes = [scene for scene in load_scenes(source) if scene.digest.startswith(digest or "")]
     if not scenes:
         raise UsageError(f"{source}: no scene {digest!r}", hint="give the first digits of a scene's digest")
@@ -65,7 +65,6 @@ def replay(
     policy: str | None = None,
     recording: Recording | None = None,
     *,
-    label: str | None = None,
     must_see: bool = False,
     play: bool = False,
 ) -> Replayed:
@@ -73,7 +72,6 @@ def replay(
 
     Args:
         policy: another one than that of the conditions.
-        label: which model it is; a stored trajectory of another one is not compared.
         recording: keeps frames and observations.
         must_see: whether to refuse policies without pictures.
         play: whether to execute the stored actions, if there are any, and not to ask the policy.
@@ -99,8 +97,7 @@ def replay(
         raise VlafuzzError(f"{scene.digest[:12]} could not be run: {outcome.detail}")
     rollout = next(iter(outcome.rollouts), None)  # none in an invalid scene
     same, elsewhere = None, ""
-    stored = name == wanted.conditions.policy and label in (None, wanted.conditions.named)
-    if wanted.states_hash is not None and rollout and stored:
+    if wanted.states_hash is not None and rollout and name == wanted.conditions.policy:
         same = rollout.states_hash == wanted.states_hash
         now = provenance.here(name, made.spec, world_of(scene.task).renderer)
         elsewhere = provenance.elsewhere(wanted.conditions.place, now)
@@ -108,7 +105,7 @@ def replay(
         "scene": scene.digest,
         "task": scene.task,
         "instruction": scene.instruction,
-        "policy": str(Model(name, label or "")),
+        "policy": name,
         "verdict": outcome.verdict.name.lower(),
         "lost stage": outcome.lost_stage,
         "reached": list(rollout.reached) if rollout else [],
@@ -131,7 +128,7 @@ def _player(conditions: Conditions, actions: Actions) -> Player:
     return player
 
 
-def _find_in_store(store: Store, digest: str | None, policy: str | None, label: str | None) -> Replayable:
+def _find_in_store(store: Store, digest: str | None, policy: str | None) -> Replayable:
     if digest is None:
         trials = (trial for run in store.runs() for trial in store.trials(run.id) if trial.outcome.rollouts)
         passed = next((trial.scene.digest[:12] for trial in trials), None)
@@ -140,8 +137,8 @@ def _find_in_store(store: Store, digest: str | None, policy: str | None, label: 
     scene = store.scene(digest)
     finders = {finding.run for finding in store.findings() if finding.scene == scene}
 
-    def rank(run: Run) -> tuple[bool, bool, bool, int]:
-        return run.manifest.policy != policy, run.manifest.named != label, run.id not in finders, -run.id
+    def rank(run: Run) -> tuple[bool, bool, int]:
+        return run.manifest.policy != policy, run.id not in finders, -run.id
 
     runs = sorted(store.runs(), key=rank)
     for run in runs:

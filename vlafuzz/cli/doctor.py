@@ -12,7 +12,7 @@ from vlafuzz.common.deadline import deadline
 from vlafuzz.doctor.machine import machine
 from vlafuzz.errors import UsageError, check_number
 
-WIDTHS = {"check": 14, "verdict": 7}  # characters; the longest is "proprioception"
+WIDTHS = {"check": 14, "verdict": 7}  # characters
 
 
 @with_run_options(

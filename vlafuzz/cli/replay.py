@@ -18,7 +18,6 @@ def command(
         typer.Argument(help="The first digits of a scene's digest.", show_default="the one that `run` named"),
     ] = None,
     policy: Annotated[str | None, option("Another policy than the store's.")] = None,
-    label: Annotated[str | None, option("Which model the policy is, or whose first failure.")] = None,
     pack: PackFlag = None,
     video: Annotated[Path | None, option("Write an MP4.")] = None,
     seen: Annotated[Path | None, option("Write a PNG: what the policy saw at first.")] = None,
@@ -45,7 +44,7 @@ def command(
     from vlafuzz.worlds.recording import Recording, write_picture
     from vlafuzz.worlds.rerun import RerunRecording
 
-    wanted = find(source, digest, policy, label)
+    wanted = find(source, digest, policy)
     if film is None:
         film = not (json or video or seen or rrd) and not no_pictures(wanted.scene.task)
     if film and video is None:
@@ -55,7 +54,7 @@ def command(
     size = SIZE if video or (rrd and not no_pictures(wanted.scene.task)) else 0
     recording = RerunRecording(size) if rrd else Recording(size)
     play = rrd is not None and not seen  # what a policy saw, only the policy can tell
-    replayed = replay(wanted, policy, recording, label=label, must_see=seen is not None, play=play)
+    replayed = replay(wanted, policy, recording, must_see=seen is not None, play=play)
     if rrd and isinstance(recording, RerunRecording):
         recording.write(rrd)
         if play and policy is None and replayed.report["same trajectory as stored"] is False:

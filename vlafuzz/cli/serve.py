@@ -27,12 +27,12 @@ def serve(
     from vlafuzz.rollouts.policies import make_policy
 
     with needed("vlafuzz serve"):
-        from vlafuzz.policies.serving import says_of, serving
+        from vlafuzz.policies.serving import serving
 
     check_number("--port", port, 0, 65535)
     with closing(make_policy(policy)) as served, serving(served, host, port) as name, suppress(KeyboardInterrupt):
         data().write(f"{name}\n")
         data().flush()
-        sys.stderr.write(f"serving {served.spec.name}; Ctrl-C ends it\n{says_of(served.spec)}\n")
+        sys.stderr.write(f"serving {served.spec.name}; Ctrl-C ends it\n")
         sys.stderr.write(f"hint: fuzz it with `{command('run', '--policy', name)}`\n")
         threading.Event().wait()

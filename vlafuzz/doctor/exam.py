@@ -22,13 +22,12 @@ from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.doctor import verdicts
-from vlafuzz.doctor.probes import Break, Interview, Recorder, moved, reworded, seconds_at_once, sights
+from vlafuzz.doctor.probes import Break, Interview, Recorder, reworded, seconds_at_once, sights
 from vlafuzz.doctor.wiring import Corrected, Correction, check_wiring, corrections, most_rollouts
 from vlafuzz.errors import PolicyError, PrerequisiteError, SimulatorError, UsageError, VlafuzzError
 from vlafuzz.model import Outcome, Scene, Space, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.servers import guesses
-from vlafuzz.policies.harness import WIDTH
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.policies import is_built_in, make_policy
 from vlafuzz.rollouts.setup import make_evaluator
@@ -125,10 +124,8 @@ class Exam:
         yield verdicts.on_sight({name: interview.change(probe) for name, probe in sights(spec).items()})
         others = {*self._rewordings.values(), *(moment.start.instruction for moment in recorder.moments)}
         hears = len(others) > 1 and not (spec.privileged or spec.calibrated)
-        yield verdicts.on_sense("hearing", interview.change(reworded(self._rewordings)) if hears else None)
+        yield verdicts.on_hearing(interview.change(reworded(self._rewordings)) if hears else None)
         if not quick:
-            posed = spec.state and spec.action.width == WIDTH  # else its numbers have no pose of a hand
-            yield verdicts.on_sense("proprioception", interview.change(moved) if posed else None)
             together = interview.together() if spec.max_batch > 1 else None
             yield verdicts.on_batch(spec, interview.answers, together)
             yield verdicts.on_speed(self._hz, recorder.seconds, len(recorder.moments[0].executed))

@@ -15,7 +15,6 @@ from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Outlin
 from vlafuzz.policies.clients.wire import with_retries
 from vlafuzz.policies.harness import WIDTH, blamed_on, check_chunks, finish
 
-MOVED = 0.05  # metres along each axis, in proprioception
 HARDLY = 0.02  # relative size below which a change does not count
 ALPHA = 0.01  # significance level; low, since there are several probes
 TIMED = 3  # calls in which a policy is timed
@@ -244,16 +243,6 @@ def reworded(rewordings: Mapping[str, str]) -> Probe:
         return replace(moment, start=start, seen=seen)
 
     return probe
-
-
-def moved(moment: Moment, _: Moment) -> Moment:
-    """Report the hand as displaced, and as closed where it is open and the reverse."""
-    if moment.seen.state is None:
-        return moment
-    state = moment.seen.state.copy()
-    state[:3] += MOVED
-    state[6:7] = 1 - state[6:7]
-    return _shown(moment, state=state)
 
 
 def sights(spec: PolicySpec) -> Mapping[str, Probe]:

@@ -33,7 +33,6 @@ FAULTS: dict[str, tuple[Rating, str]] = {
     "blind": ("refuse", "nothing that it is shown matters; look at its cameras and its libraries' versions"),
     "nearly blind": ("warn", "it notices darkness, but {view} changes nothing"),
     "deaf": ("warn", "it ignores its instruction; look at how the instruction gets to it"),
-    "it asks for the pose of the hand and does not use it": ("warn", "look at the layout, state=…"),
     "mixed up": ("refuse", "answer in the order of the observations, and each by its own alone"),
     "the last digits depend on the rest of the batch": ("warn", "say deterministic=False, or max_batch=1"),
     "slow": ("warn", "a robot would wait for it, here it only takes long; execute more of a chunk, or lower hz"),
@@ -127,20 +126,12 @@ def on_sight(changes: Mapping[str, Effect]) -> Check:
     return judged("sight", f"its answers change by {effects}{ANYWAY}", fault, view=view)
 
 
-# Each sense has what the check changes, what is said if nothing changes where it need not, and the fault otherwise.
-_SENSES = {
-    "hearing": ("instruction", "it knows the scene, or hears one instruction in all scenes", "deaf"),
-    "proprioception": ("pose of the hand", "it asks for none", "it asks for the pose of the hand and does not use it"),
-}
-
-
-def on_sense(sense: str, change: Effect | None) -> Check:
-    """Whether the instruction or the proprioception matters; None where it need not, or is not asked for."""
-    other, without, fault = _SENSES[sense]
+def on_hearing(change: Effect | None) -> Check:
+    """Whether the instruction matters; None where it need not."""
     if change is None:
-        return Check(sense, without)
-    detail = f"its answers change by {change.size:.0%} with another {other}{ANYWAY}"
-    return judged(sense, detail, None if change.clear else fault)
+        return Check("hearing", "it knows the scene, or hears one instruction in all scenes")
+    detail = f"its answers change by {change.size:.0%} with another instruction{ANYWAY}"
+    return judged("hearing", detail, None if change.clear else "deaf")
 
 
 def on_batch(spec: PolicySpec, answers: Answers, together: Sequence[Array] | None) -> Check:

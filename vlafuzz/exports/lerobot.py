@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from vlafuzz.exports.demonstrations import Levels, Packed
 
 VERSION = "v3.0"
-FILE_BYTES = 100 << 20  # of images in a file, before the next file begins
-FILES = 1000  # in a folder
-PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"  # all is in the first file of each kind
+FIRST = {"chunk_index": 0, "file_index": 0}
 TASKS = "meta/tasks.parquet"
 STATE, ACTION = "observation.state", "action"
 _COUNTERS = ("frame_index", "episode_index", "index", "task_index")
@@ -45,7 +44,7 @@ class Dataset:
         self._columns: list[Columns] = []
         self._levels: dict[str, Levels] = {}
         self._sizes: dict[str, tuple[int, ...]] = {}
-        self._file, self._bytes, self._frames = 0, 0, 0
+        self._frames = 0
         self._writer: pyarrow.parquet.ParquetWriter | None = None
 
     def add(self, shown: Packed) -> None:
@@ -68,7 +67,7 @@ class Dataset:
         self._writer.close()
         tasks = pandas.DataFrame({"task_index": list(self._tasks.values())}, index=list(self._tasks))
         meta = self._folder / "meta"
-        episodes = meta / "episodes" / PATH.format(chunk_index=0, file_index=0)
+        episodes = meta / "episodes" / PATH.format(**FIRST)
         episodes.parent.mkdir(parents=True, exist_ok=True)
         tasks.to_parquet(self._folder / TASKS)
         pyarrow.parquet.write_table(pyarrow.Table.from_pylist(self._rows), episodes)
@@ -94,19 +93,12 @@ class Dataset:
     def _write(self, pictures: Mapping[str, list[bytes]], columns: Columns) -> None:
         arrays = {key: _image_column(frames) for key, frames in pictures.items()}
         arrays |= {key: _column(values) for key, values in columns.items()}
-        if self._bytes > FILE_BYTES and self._writer is not None:
-            self._writer.close()
-            self._writer, self._bytes, self._file = None, 0, self._file + 1
         table = pyarrow.table(arrays)
         if self._writer is None:
-            path = self._folder / "data" / PATH.format(**self._place())
+            path = self._folder / "data" / PATH.format(**FIRST)
             path.parent.mkdir(parents=True, exist_ok=True)
             self._writer = pyarrow.parquet.ParquetWriter(path, table.schema)
         self._writer.write_table(table)
-        self._bytes += sum(len(frame) for frames in pictures.values() for frame in frames)
-
-    def _place(self) -> dict[str, int]:
-        return {"chunk_index": self._file // FILES, "file_index": self._file % FILES}
 
     def _row(self, shown: Packed, length: int, stats: Mapping[str, Stats]) -> dict[str, Any]:
         return {
@@ -115,11 +107,9 @@ class Dataset:
             "length": length,
             "scene": shown.scene.digest,
             "finding": shown.finding,
-            **{f"data/{name}": number for name, number in self._place().items()},
+            **{f"{kind}/{name}": number for kind in ("data", "meta/episodes") for name, number in FIRST.items()},
             "dataset_from_index": self._frames,
             "dataset_to_index": self._frames + length,
-            "meta/episodes/chunk_index": 0,
-            "meta/episodes/file_index": 0,
             **{f"stats/{key}/{name}": value for key, stat in stats.items() for name, value in stat.items()},
         }
 
@@ -138,9 +128,9 @@ class Dataset:
             "total_episodes": len(self._rows),
             "total_frames": self._frames,
             "total_tasks": len(self._tasks),
-            "chunks_size": FILES,
-            "data_files_size_in_mb": FILE_BYTES >> 20,
-            "video_files_size_in_mb": 200,  # required; there are no videos
+            "chunks_size": 1000,
+            "data_files_size_in_mb": 100,
+            "video_files_size_in_mb": 200,
             "fps": self._fps,
             "splits": {"train": f"0:{len(self._rows)}"},
             "data_path": f"data/{PATH}",

@@ -196,13 +196,9 @@ def all_causes(store: Store) -> tuple[CauseList, ...]:
     return tuple(one for run in store.runs() if (one := causes_of(store, run)) is not None)
 
 
-def first_shown(store: Store, label: str | None = None) -> str | None:
-    """The scene of the first cause of the newest run with failures, else its first failure.
-
-    Runs of the label come first.
-    """
-    newest = reversed(store.runs())
-    for run in sorted(newest, key=lambda run: label not in (None, run.manifest.named)):
+def first_shown(store: Store) -> str | None:
+    """The scene of the first cause of the newest run with failures, else its first failure."""
+    for run in reversed(store.runs()):
         found = causes_of(store, run)
         named = (cause.scene for cause in (found.causes if found else ()) if cause.scene)
         failed = (trial for trial in store.trials(run.id) if trial.outcome.verdict is Verdict.FAILED)

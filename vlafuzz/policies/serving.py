@@ -78,15 +78,6 @@ def options_of(spec: PolicySpec) -> dict[str, str | int | float]:
     return options | ({"deterministic": 1} if spec.deterministic else {})
 
 
-def says_of(spec: PolicySpec) -> str:
-    """Say what decides how fast a served policy is tested: its batches and its chunks."""
-    batch = f"up to {spec.max_batch} observations" if spec.max_batch > 1 else "one observation"
-    some = {None: "all actions", 1: "the first action"}.get(spec.execute, f"the first {spec.execute} actions")
-    of_chunk = f"{some} of each chunk {'is' if spec.execute == 1 else 'are'} executed"
-    once = "at once" if spec.max_batch > 1 else "at a time"
-    return f"it answers {batch} {once}, and {of_chunk} (max_batch and execute of its PolicySpec)"
-
-
 @contextmanager
 def listening(served: ServedPolicy, address: str, port: int) -> Iterator[int]:
     """Answer connections within the block, with a thread for each; yields the port."""

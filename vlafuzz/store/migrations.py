@@ -1,8 +1,6 @@
 """The store's schema, as the steps that lead to it. A released step is never changed: add the next one."""
 
 import sqlite3
-from contextlib import closing
-from functools import cache
 from pathlib import Path
 
 # The statements that lead to each number of the schema. Lower numbers were never released.
@@ -27,26 +25,6 @@ STEPS: dict[int, tuple[str, ...]] = {
     # JSON: outcomes by operator.
     27: ("ALTER TABLE cause ADD COLUMN tests TEXT NOT NULL DEFAULT '{}'",),
 }
-
-
-Shape = dict[str, tuple[object, ...]]  # of each table: whether it is one, strict and by row ids; its columns
-
-
-def shape_of(connection: sqlite3.Connection) -> Shape:
-    """The tables of a store that is open."""
-    listed = connection.execute("SELECT name, type, wr, strict FROM pragma_table_list WHERE schema = 'main'")
-    columns = "SELECT name, type, pk > 0 FROM pragma_table_info(?)"
-    return {name: (*kind, frozenset(connection.execute(columns, (name,)))) for name, *kind in listed.fetchall()}
-
-
-@cache
-def shape_at(version: int) -> Shape:
-    """The tables that a version of the schema has."""
-    with closing(sqlite3.connect(":memory:", isolation_level=None)) as fresh:
-        for number, statements in STEPS.items():
-            if number <= version:
-                fresh.executescript(";".join(statements))
-        return shape_of(fresh)
 
 
 def migrate(connection: sqlite3.Connection, application_id: int) -> None:

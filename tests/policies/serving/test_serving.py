@@ -29,7 +29,7 @@ from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Observ
 from vlafuzz.policies.clients.msgpack_wire import pack_vla_eval, unpack_vla_eval
 from vlafuzz.policies.clients.servers import guesses
 from vlafuzz.policies.controls import Frozen
-from vlafuzz.policies.serving import says_of, serving
+from vlafuzz.policies.serving import serving
 from vlafuzz.rollouts.policies import make_policy
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
@@ -203,12 +203,6 @@ class TestAddress:
             assert "rotation=" not in name
             assert "gripper=" not in name
 
-    def test_it_says_whether_the_policy_answers_batches_and_how_much_of_a_chunk_is_executed(self):
-        says = "it answers one observation at a time, and the first action of each chunk is executed"
-        assert says_of(Frozen().spec).startswith(says)
-        says = "it answers up to 8 observations at once, and all actions of each chunk are executed"
-        assert says_of(PolicySpec("eight", max_batch=8, execute=None)).startswith(says)
-
 
 class TestCommand:
     @pytest.mark.parametrize(
@@ -239,5 +233,4 @@ class TestCommand:
                 server.kill()
         assert (ran, json.loads(capsys.readouterr().out)["rollouts"]) == (0, 2)
         assert (server.returncode, stderr.splitlines()[0]) == (0, "serving random; Ctrl-C ends it")
-        assert "one observation at a time, and the first action of each chunk is executed" in stderr
         assert stderr.endswith(f"`vlafuzz run --policy '{name}'`\n")  # quoted, because of ? and &
