@@ -101,8 +101,9 @@ class Studio:
 
     def rolled_out(self, scene: Scene) -> list[Picture]:
         """The expert's rollout, ``HZ`` frames a second."""
-        recording = Recording(SIDE, hz=HZ)
         expert = self.world.solvers()["expert"]
+        hz = self.world.robot(self.conditions.robot).control_hz or expert.spec.action.hz
+        recording = Recording(SIDE, stride=max(1, round(hz / HZ)))
         evaluator = self.world.evaluator(self.conditions, expert, self.space, recording=recording, checked=True)
         with closing(evaluator):
             (outcome,) = evaluator.evaluate([scene])

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from vlafuzz.rollouts import setup
 from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.evaluator import FILM_SPEED, Film
+from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 SEEDS: list[int] = []
@@ -142,6 +144,17 @@ def test_the_hand_s_path_is_drawn_anew_as_a_camera_shows_it_that_was_turned_mean
     assert (first, turned) == (0, 6)  # five frames a second; a second after the start
     shift = np.array(after[0]) - before[0]
     assert abs(shift[0]) > 0.05 * film.size[0]
+
+
+def test_a_film_ends_with_the_last_state_whatever_its_pace():
+    recording = Recording(8, stride=5)
+    for steps in range(13):
+        picture = np.full((8, 8, 3), steps)
+        recording.note(
+            SimpleNamespace(actions=[0] * steps, over=steps == 12, picture=lambda _, p=picture: p, sight=lambda: None)
+        )
+    assert [frame.max() for frame in recording.frames] == [0, 5, 10, 12]
+    assert [recording.frame_after(steps) for steps in (0, 1, 5, 12)] == [0, 1, 1, 3]
 
 
 def frames_of(film: Film, folder: Path) -> np.ndarray:

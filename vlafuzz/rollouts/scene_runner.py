@@ -16,7 +16,7 @@ from vlafuzz.rollouts.lockstep import LockstepExecutor, lanes_for
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import here, make_evaluator
 from vlafuzz.worlds import world_of
-from vlafuzz.worlds.evaluator import FILM_SPEED, FRAMES, Film, SceneEvaluator
+from vlafuzz.worlds.evaluator import FILM_SPEED, FILMED, FRAMES, Film, SceneEvaluator
 from vlafuzz.worlds.provenance import elsewhere
 from vlafuzz.worlds.recording import Recording, to_jpeg, to_mp4
 
@@ -125,8 +125,11 @@ class SimulatorSceneRunner:
         """What the policy does in a fair scene, or the robot that executes actions; else why there is none."""
         played = actions is not None
         of: Policy = self._player if played else self._policy
+        robot = self._world.robot(scene.robot)
+        hz = robot.control_hz or of.spec.action.hz
+        stride = max(1, round(hz / max(FRAMES, FILMED / robot.seconds)))
         if played not in self._filmed:
-            recording = Recording(224, hz=FRAMES)
+            recording = Recording(224, stride=stride)
             self._filmed[played] = self._evaluator(of, checked=False, recording=recording), recording
         evaluator, recording = self._filmed[played]
         if actions is not None:
@@ -134,7 +137,7 @@ class SimulatorSceneRunner:
         outcome = evaluate_safely(evaluator, scene)
         if not outcome.rollouts:
             return outcome.detail
-        hz = min(self._world.robot(scene.robot).control_hz or of.spec.action.hz, FRAMES)
+        rate = hz / stride * FILM_SPEED
         (rollout, *_), frames = outcome.rollouts, recording.frames
         stages = tuple(
             (stage, recording.frame_after(int(reached[0]) + 1))
@@ -144,11 +147,11 @@ class SimulatorSceneRunner:
         failed = outcome.verdict is Verdict.FAILED
         moment = recording.stuck(rollout.trace) if failed or not stages else stages[-1][1]
         return Film(
-            to_mp4(frames, hz * FILM_SPEED),
+            to_mp4(frames, rate),
             to_jpeg(frames[moment]),
             failed,
             frames=len(frames),
-            rate=hz * FILM_SPEED,
+            rate=rate,
             moment=moment,
             stages=stages,
             lost=outcome.lost_stage or "" if len(self.stages) > 1 else "",

@@ -15,7 +15,8 @@ from vlafuzz.policies.harness import Harness, ask, release
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.recording import Paths, Recording
 
-FRAMES = 5  # of a film, for a second of the rollout
+FRAMES = 5  # of a film, for a second of the rollout, at least
+FILMED = 80  # frames of a rollout that lasts as long as it may, at least: 16 seconds of the tabletop
 BLANK = 0.5  # of the pixels; with mini's light at six times the usual 91 to 96 % are white, at 3.6 times 1 %
 FILM_SPEED = 3  # times real time: a failing rollout takes 16 seconds
 T = TypeVar("T")
@@ -44,7 +45,7 @@ class Film:
     failed: bool
     _: KW_ONLY
     frames: int = 1
-    rate: int = FRAMES * FILM_SPEED
+    rate: float = FRAMES * FILM_SPEED
     moment: int = 0
     stages: tuple[tuple[str, int], ...] = ()
     lost: str = ""

@@ -24,12 +24,12 @@ class Recording:
 
     Args:
         size: height of a frame in pixels; 0 for no frames.
-        hz: frames a second of the rollout, if it has more control steps; None for one a step.
+        stride: control steps from one frame to the next; the last state always has one.
     """
 
-    def __init__(self, size: int = 480, *, hz: int | None = None) -> None:
+    def __init__(self, size: int = 480, *, stride: int = 1) -> None:
         self.camera = CameraRequest("recording", size, size) if size else None
-        self._hz, self._stride = hz, 1
+        self._stride = stride
         self.frames: list[Picture] = []
         self.observations: list[Observation] = []
         self.sights: list[Sight] = []  # one a frame, in a world that tells
@@ -39,8 +39,7 @@ class Recording:
 
     def note(self, episode: Episode) -> None:
         """Keep a frame of the present state, if it is time for one."""
-        self._stride = max(1, round(episode.hz / self._hz)) if self._hz else 1
-        if self.camera is None or len(episode.actions) % self._stride:
+        if self.camera is None or (len(episode.actions) % self._stride and not episode.over):
             return
         self.frames.append(episode.picture(self.camera.name).copy())
         if (sight := episode.sight()) is not None:
@@ -59,8 +58,8 @@ class Recording:
         return self.frame_after(int(np.argmax(trace)) + 1) if len(trace) else 0
 
     def frame_after(self, steps: int) -> int:
-        """The last frame that was kept in so many control steps."""
-        return max(0, min(steps // self._stride, len(self.frames) - 1))
+        """The first frame that shows what so many control steps have led to."""
+        return max(0, min(-(-steps // self._stride), len(self.frames) - 1))
 
     def write_video(self, path: Path, hz: int) -> None:
         """Write an MP4 in real time; a UsageError if that does not work."""
@@ -90,7 +89,7 @@ def write_picture(path: Path, picture: Picture) -> None:
         write_whole(path, to_png(picture))
 
 
-def to_mp4(frames: list[Picture], fps: int) -> bytes:
+def to_mp4(frames: list[Picture], fps: float) -> bytes:
     """Encode H.264 video, small enough for dozens of them in a page."""
     return _encoded(
         np.stack(frames + [frames[-1]] * _HELD_FRAMES),

@@ -1,7 +1,7 @@
 """What runs scenes on the tabletop, whatever simulates them: a rollout, a policy's evaluator, outlines."""
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Unpack
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.common.arrays import Array, Picture
-from vlafuzz.model import Conditions, Rejection, Scene
+from vlafuzz.model import Conditions, Rejection, Scene, Setting
 from vlafuzz.policies.base import CameraRequest, Observation, Outlines, Policy, PolicySpec, Silhouette
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import Options, SceneEvaluator
@@ -29,6 +29,8 @@ from vlafuzz.worlds.tabletop.objects.hulls import triangles
 from vlafuzz.worlds.tabletop.objects.model import SRGB, ObjectModel
 from vlafuzz.worlds.tabletop.room import Room
 from vlafuzz.worlds.tabletop.tasks import TABLE, State, task as task_named
+
+QUALITY = Setting("quality", "fast", ("fast", "full"))  # of a policy's pictures; ``full`` as films are, with shadows
 
 
 class TabletopEpisode(Episode):
@@ -112,8 +114,8 @@ class TabletopEvaluator(SceneEvaluator):
         self._env: Room | None = None
 
     @abstractmethod
-    def room(self, cameras: Sequence[CameraRequest], hz: int, robot: str, shown: str | None) -> Room:
-        """Where scenes are run. ``shown``: the camera whose pictures are for people."""
+    def room(self, cameras: Sequence[CameraRequest], hz: int, robot: str, full: Collection[str]) -> Room:
+        """Where scenes are run. ``full``: the cameras whose pictures have that quality."""
 
     @staticmethod
     @abstractmethod
@@ -141,8 +143,9 @@ class TabletopEvaluator(SceneEvaluator):
         if self._env is not None and self._env.rig.robot != scene.robot:
             self.renew()
         if self._env is None:
-            shown = self.recorded.name if self.recorded else None
-            self._env = self.room(cameras, spec.action.hz, scene.robot, shown)
+            films = [self.recorded] if self.recorded else []
+            full = cameras if QUALITY.of(self._conditions) == "full" else films
+            self._env = self.room(cameras, spec.action.hz, scene.robot, [camera.name for camera in full])
         return TabletopEpisode(self._env, spec, scene, seed, self._conditions)
 
     def renew(self) -> None:

@@ -11,7 +11,7 @@ from vlafuzz.common.check import Check
 from vlafuzz.common.child import tried
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.model import Conditions, Rejection, Scene, Solver, Space, Task
+from vlafuzz.model import Conditions, Rejection, Scene, Setting, Solver, Space, Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import Mini
@@ -22,7 +22,7 @@ from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
 from vlafuzz.worlds.manipulation.space import TableWorld
 from vlafuzz.worlds.provenance import versions
 from vlafuzz.worlds.tabletop import renderer
-from vlafuzz.worlds.tabletop.evaluator import TabletopEvaluator
+from vlafuzz.worlds.tabletop.evaluator import QUALITY, TabletopEvaluator
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
@@ -43,6 +43,7 @@ class Tabletop(TableWorld):
 
     usual = True
     tasks, robots = tuple(TASKS), tuple(RIGS)
+    settings: Sequence[Setting[Any]] = (*TableWorld.settings, QUALITY)
     policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {
         "mini": Mini,
         "pinhole": Pinhole,

@@ -1,6 +1,6 @@
 """A room that MuJoCo simulates and draws, and the evaluator of a policy in it."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import mujoco
 import numpy as np
@@ -77,7 +77,7 @@ class MujocoRoom(Room):
 class MujocoEvaluator(TabletopEvaluator):
     """Runs a policy in scenes of one task in MuJoCo."""
 
-    def room(self, cameras: Sequence[CameraRequest], hz: int, robot: str, shown: str | None) -> MujocoRoom:
+    def room(self, cameras: Sequence[CameraRequest], hz: int, robot: str, full: Collection[str]) -> MujocoRoom:
         return MujocoRoom(self._task.name, self.catalogue, cameras, hz)
 
     @staticmethod

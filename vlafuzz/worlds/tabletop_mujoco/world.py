@@ -15,6 +15,7 @@ from vlafuzz.policies.base import Policy
 from vlafuzz.worlds import opengl
 from vlafuzz.worlds.evaluator import Options, SceneEvaluator
 from vlafuzz.worlds.manipulation.rigs import PANDA
+from vlafuzz.worlds.manipulation.space import TableWorld
 from vlafuzz.worlds.tabletop.evaluator import TabletopEvaluator
 from vlafuzz.worlds.tabletop.tasks import TASKS
 from vlafuzz.worlds.tabletop.world import Tabletop
@@ -28,6 +29,7 @@ class TabletopMujoco(Tabletop):
 
     usual = False
     tasks, robots = tuple(f"{NAME}/{task}" for task in TASKS), (PANDA.robot,)
+    settings = TableWorld.settings  # one quality of pictures
 
     @property
     def simulator(self) -> str:

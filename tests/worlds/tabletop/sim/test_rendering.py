@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, FRONT, SIZE, evaluate, make_env, nominal, pick_up, put
-from vlafuzz.model import Camera, Light, Scene
+from vlafuzz.model import Camera, Conditions, Light, Scene
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.evaluator import outlines
 from vlafuzz.worlds.tabletop.experts.expert import Expert
-from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
+from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator, TabletopEnv
 
 pytestmark = pytest.mark.render
 PIXEL = 1 / SIZE
@@ -112,8 +112,8 @@ BASKET = nominal("put-in")
 BOTH = (CameraRequest("policy", 64, 64), CameraRequest("film", 96, 96))
 
 
-def pictures(light: float, shown: str | None) -> list[np.ndarray]:
-    env = TabletopEnv("put-in", CATALOGUE, BOTH, shown=shown)
+def pictures(light: float, *full: str) -> list[np.ndarray]:
+    env = TabletopEnv("put-in", CATALOGUE, BOTH, full=full)
     env.begin(replace(BASKET, light=Light(light)))
     seen = [env.picture("film").copy(), env.picture("policy").copy()]
     env.close()
@@ -121,12 +121,23 @@ def pictures(light: float, shown: str | None) -> list[np.ndarray]:
 
 
 def test_a_film_changes_nothing_that_the_policy_sees():
-    (film, seen), (_, alone) = pictures(1.0, "film"), pictures(1.0, None)
+    (film, seen), (_, alone) = pictures(1.0, "film"), pictures(1.0)
     assert np.array_equal(seen, alone)
     assert film.shape == (96, 96, 3)
 
 
 def test_bright_light_is_no_white_sheet_in_a_film():
-    shares = [(pictures(6.0, shown)[0].min(axis=2) > 250).mean() for shown in ("film", None)]
+    shares = [(pictures(6.0, *full)[0].min(axis=2) > 250).mean() for full in (["film"], [])]
     assert shares[0] < 0.02
     assert shares[1] > 0.3
+
+
+def test_a_policy_sees_pictures_as_good_as_a_film_s_where_its_run_asks_for_them():
+    scene = replace(BASKET, light=Light(6.0))
+    for world, seen in (({"quality": "full"}, pictures(6.0, "policy")[1]), ({}, pictures(6.0)[1])):
+        policy = Watching()
+        policy.spec = replace(policy.spec, cameras=BOTH[:1])
+        evaluator = ManiSkillEvaluator(Conditions(task="put-in", world=world), policy, CATALOGUE, checked=False)
+        episode = evaluator.begin(scene, 0)
+        assert np.array_equal(episode.observe().images["policy"], seen)
+        evaluator.renew()

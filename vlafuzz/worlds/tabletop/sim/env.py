@@ -1,7 +1,7 @@
 """The ManiSkill 3 environment of all four tasks, and the evaluator of a policy in it."""
 
 import gc
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import cv2
@@ -37,7 +37,7 @@ class TabletopEnv(BaseEnv, Room):
     Args:
         control_hz: control steps per second, a divisor of 100; ignored if the rig fixes its rate.
         robot: the name of a rig.
-        shown: the camera whose pictures are for people, with shadows: see ``Studio``.
+        full: the cameras whose pictures have shadows: see ``Studio``.
 
     Raises:
         PrerequisiteError: a robot's files are missing, or a renderer for the cameras.
@@ -53,10 +53,10 @@ class TabletopEnv(BaseEnv, Room):
         cameras: Sequence[CameraRequest] = (),
         control_hz: int = 5,
         robot: str = PANDA.robot,
-        shown: str | None = None,
+        full: Collection[str] = (),
     ) -> None:
-        self._shown = shown
-        self._studio: rendering.Studio | None = None
+        self._full = full
+        self._studios: dict[str, rendering.Studio] = {}
         self._requests = {request.name: request for request in cameras}
         Room.__init__(self, task, catalogue, robot, control_hz)
         try:
@@ -83,18 +83,18 @@ class TabletopEnv(BaseEnv, Room):
         if self.scene.can_render():
             self._lights.apply(self.world.scene, self.light)
             self.aim()
-            if self._studio is None and self._shown is not None:
-                device = self.world.scene.render_system.device
-                self._studio = rendering.Studio(device, self._render_camera(self._shown))
-            if self._studio is not None:
-                self._studio.begin(self.world.scene, self.light)
+            for name in self._full:
+                if name not in self._studios:
+                    device = self.world.scene.render_system.device
+                    self._studios[name] = rendering.Studio(device, self._render_camera(name))
+                self._studios[name].begin(self.world.scene, self.light)
         return start
 
     def relight(self) -> None:
         if self.scene.can_render():
             self._lights.apply(self.world.scene, self.light)
-        if self._studio is not None:
-            self._studio.light(self.light)
+        for studio in self._studios.values():
+            studio.light(self.light)
 
     def measured(self) -> tuple[float, sapien.Pose, Backdrop]:
         light, camera = self.light, sapien_pose(self.view)
@@ -109,8 +109,8 @@ class TabletopEnv(BaseEnv, Room):
 
     def picture(self, camera: str) -> Picture:
         request = self._requests[camera]
-        if self._studio is not None and camera == self._shown:
-            image = self._studio.picture()
+        if camera in self._studios:
+            image = self._studios[camera].picture()
         else:
             self.world.scene.update_render()
             taking = self._render_camera(camera)
@@ -173,8 +173,8 @@ class TabletopEnv(BaseEnv, Room):
 class ManiSkillEvaluator(TabletopEvaluator):
     """Runs a policy in scenes of one task on ManiSkill."""
 
-    def room(self, cameras: Sequence[CameraRequest], hz: int, robot: str, shown: str | None) -> TabletopEnv:
-        return TabletopEnv(self._task.name, self.catalogue, cameras, hz, robot, shown)
+    def room(self, cameras: Sequence[CameraRequest], hz: int, robot: str, full: Collection[str]) -> TabletopEnv:
+        return TabletopEnv(self._task.name, self.catalogue, cameras, hz, robot, full)
 
     @staticmethod
     def settled(scene: Scene, catalogue: Catalogue) -> Rejection | None:
