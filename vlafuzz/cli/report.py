@@ -108,13 +108,15 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
 
 def _lines(one: DescribedFailure, *, mixed: bool) -> list[str]:
     """Each value that is not nominal, and the evidence; in a store of several policies or tasks also whose it is."""
+    from vlafuzz.failures.causes import EVIDENCE
+
     values = [f"{part.operator}: {part.range}" for part in one.deviations]
     if one.bucket == "observed" and len(values) > VALUES:
         values = [one.title]
     parts = (
         f"{one.run.short} on {one.scene.task}" if mixed else "",
         f"fails at: {one.stage}" if one.stage else "",
-        f"{one.bucket}: {one.detail}",
+        f"{EVIDENCE[one.bucket]}: {one.detail}",
         f"{len(one.found)} failures" if len(one.found) > 1 else "",
         one.scene.digest[:12],
     )

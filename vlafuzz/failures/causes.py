@@ -25,14 +25,15 @@ from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import FoundCause, Run, Triaged
 from vlafuzz.store.store import Store
 
-# Buckets in words, those of causes that are not confirmed last.
+# Buckets in words.
 EVIDENCE: Mapping[str, str] = {
     "minimal": "certified",
     "witnessed": "confirmed",
-    "unproven": "confirmed, but the expert fails, too",
     "observed": "not certified",
+    "unproven": "not shown to be solvable",
     "flaky": "not confirmed",
 }
+DOUBTFUL = {"unproven": 1, "flaky": 2}  # these causes come last
 # Who solves a scene, in words: by the simulator's state, or by what the camera shows.
 SOLVERS: Mapping[Solver, str] = {"expert": "expert", "seeing": "camera-only expert"}
 NEARLY_NOMINAL = 0.1  # severity below which a scene is nominal but for a jitter, which adds about 0.01
@@ -162,7 +163,8 @@ class CauseList:
     @property
     def left(self) -> str:
         """How many failures are unexplained, in words."""
-        return f"unexplained: {self.unexplained} of {self.all_failures}"
+        certain = self.failed is None or all(cause.bucket == "minimal" for cause in self.causes)
+        return f"unexplained{'' if certain else ' by a certified cause'}: {self.unexplained} of {self.all_failures}"
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -366,8 +368,8 @@ def _through(space: Space, mechanism: Mechanism | None, conditions: tuple[str, .
     return (acting(mechanism, quantity), *(f"for example {condition}" for condition in conditions))
 
 
-def _rank(cause: ListedCause) -> tuple[bool, float, int]:
-    return (cause.bucket == "flaky", -cause.share.value if cause.share else 0.0, -cause.failures)
+def _rank(cause: ListedCause) -> tuple[int, float, int]:
+    return (DOUBTFUL.get(cause.bucket, 0), -cause.share.value if cause.share else 0.0, -cause.failures)
 
 
 def _certify(store: Store, run: Run, causes: Sequence[ListedCause]) -> str:
