@@ -7,17 +7,20 @@ import argparse
 import csv
 import io
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from scipy.special import ndtri, stdtrit
+
 from vlafuzz.cli.output import print_json, print_rows
 from vlafuzz.common.reading import parse_json, read_text
-from vlafuzz.common.statistics import Share
+from vlafuzz.common.statistics import Share, wilson
 from vlafuzz.common.text import shortened
 from vlafuzz.errors import UsageError
 
+TAIL = 0.975  # of intervals of 95 %
 MOST = 5  # tasks in a table: those that fail most often
 FORMATS = "lerobot's eval_info.json, vla-eval's results, or CSV with a heading; docs/logs.md describes them"
 # The names by which a column is known. All columns of conditions are joined; of the others the first counts.
@@ -178,8 +181,36 @@ def _rate(episodes: Sequence[Episode], **of: str) -> SuccessRate:
     """The rate of some episodes; where several have the same start, these are a group."""
     judged = [(episode.start, episode.success) for episode in episodes if episode.success is not None]
     apart = len({start for start, _ in judged}) == len(judged)
-    counted = Share.of_counts(sum(passed for _, passed in judged), len(judged)) if apart else Share.grouped(judged)
+    counted = Share.of_counts(sum(passed for _, passed in judged), len(judged)) if apart else grouped(judged)
     return SuccessRate(**of, success=counted, errors=len(episodes) - len(judged))
+
+
+def grouped(cases: Sequence[tuple[Hashable, bool]]) -> Share:
+    """The share of cases, each with its group; those of one group may be alike.
+
+    The interval is Wilson's for the effective number of cases, reduced further when there are few groups: Korn,
+    Graubard 1998; Franco, Little, Louis, Slud 2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>. With one
+    group, or where all or no cases are positive, it is Wilson's of all cases, which may be too narrow.
+    """
+    groups: dict[Hashable, list[bool]] = {}
+    for of, positive in cases:
+        groups.setdefault(of, []).append(positive)
+    count, of = sum(positive for _, positive in cases), len(cases)
+    effective = of if count in (0, of) else _effective(list(groups.values()))
+    return Share(count, of, *wilson(count / max(of, 1) * effective, effective))
+
+
+def _effective(groups: Sequence[Sequence[bool]]) -> float:
+    """The number of independent cases whose share would vary as that of groups."""
+    number = sum(map(len, groups))
+    mean = sum(map(sum, groups)) / number
+    # The variance of a ratio of totals, by linearisation.
+    apart = sum((sum(group) - mean * len(group)) ** 2 for group in groups)
+    if len(groups) < 2 or not apart:
+        return float(number)
+    variance = apart / number**2 * len(groups) / (len(groups) - 1)
+    few = (float(ndtri(TAIL)) / float(stdtrit(len(groups) - 1, TAIL))) ** 2
+    return float(min(number, few * (mean - mean**2) / variance))
 
 
 def print_rates(title: str, some: Sequence[SuccessRate], *names: str) -> None:

@@ -1,12 +1,11 @@
 """What holds for every command, and its page of help."""
 
 import re
-import shlex
 
 import pytest
 
 from tests.cli.typed import typed
-from vlafuzz.cli import COMMANDS, EXAMPLES, load, main
+from vlafuzz.cli import COMMANDS, load, main
 from vlafuzz.rollouts import policies
 
 
@@ -45,15 +44,3 @@ def test_there_are_at_most_15_commands_and_run_has_at_most_22_options():
     assert len({name.split()[0] for name in COMMANDS}) <= 15
     shown = [param for param in load("run").params if not param.hidden and param.name != "help"]
     assert len(shown) <= 22
-
-
-@pytest.mark.parametrize("name", EXAMPLES)
-def test_help_ends_with_two_examples_that_the_parser_takes(name, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "150")
-    shown = typed(capsys, [name, "--help"]).out
-    for example in EXAMPLES[name]:
-        assert example in shown
-        program, used, *words = shlex.split(example)
-        assert (program, used) == ("vlafuzz", name)
-        command = load(name)
-        command.make_parser(command.context_class(command)).parse_args(args=words)

@@ -43,12 +43,6 @@ def test_the_one_that_helps_most_is_named_though_it_may_help_in_some_scenes_only
     assert some.found.startswith("third: ")
 
 
-def test_a_correction_that_helps_a_little_is_suspicious_only():
-    row = check(lambda of, tried: failed(0.3) if crooked(of, 2) and tried is not THIRD else passed())
-    assert row.found.startswith("third: correcting this raises its progress from 0.6")
-    assert (row.verdict, row.follows.partition(":")[0]) == ("warn", "suspicious")
-
-
 def test_nothing_is_tried_on_a_policy_that_succeeds_or_fails_once():
     def roll(of: Scene, tried: Correction | None) -> Outcome:
         assert tried is None

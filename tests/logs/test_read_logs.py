@@ -5,11 +5,15 @@ import runpy
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from vlafuzz.common.statistics import wilson
 
 ROOT = Path(__file__).parents[2]
 LEROBOT = Path(__file__).with_name("eval_info.json")  # of `lerobot-eval` 0.4.4, but for the paths of videos
-main = runpy.run_path(str(ROOT / "scripts" / "read_logs.py"))["main"]
+SCRIPT = runpy.run_path(str(ROOT / "scripts" / "read_logs.py"))
+main = SCRIPT["main"]
 EPISODES = [
     {"episode_id": 0, "metrics": {"success": True}, "steps": 90},
     {"episode_id": 1, "metrics": {"success": False}, "steps": 300},
@@ -87,3 +91,40 @@ def test_a_file_that_is_given_twice_would_count_twice(capsys):
     Path("a.csv").write_text("success\n1\n")
     assert main(["a.csv", "./a.csv"]) == 2
     assert "a file is given twice" in capsys.readouterr().err
+
+
+def cases(*runs: tuple[int, int]) -> list[tuple[int, bool]]:
+    """Of each run, how many of how many are so."""
+    return [(run, number < so) for run, (so, of) in enumerate(runs) for number in range(of)]
+
+
+def grouped(sample: list[tuple[int, bool]]) -> tuple[float, float]:
+    share = SCRIPT["grouped"](sample)
+    return share.low, share.high
+
+
+def test_the_interval_of_a_share_is_wilsons_of_fewer_cases_where_runs_differ():
+    # Shares 0.2, 0.5, 0.8: of 30 cases a variance of 0.03, against 0.25/30; t is 4.303 with 3 runs.
+    effective = 0.25 / 0.03 * (1.959964 / 4.302653) ** 2
+    expected = wilson(effective / 2, effective)
+    assert grouped(cases((2, 10), (5, 10), (8, 10))) == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("runs", [[(3, 10)], [(0, 10), (0, 5)], [(10, 10), (5, 5)], [(5, 10)] * 3, []])
+def test_where_runs_differ_by_no_more_than_chance_it_is_wilsons(runs: list[tuple[int, int]]):
+    so, of = sum(value[0] for value in runs), sum(value[1] for value in runs)
+    assert grouped(cases(*runs)) == wilson(so, of)
+
+
+def test_the_interval_of_a_share_holds_what_it_says_where_wilsons_does_not():
+    rng = np.random.default_rng([0, 4])
+    covered = {grouped: 0, lambda sample: wilson(sum(so for _, so in sample), len(sample)): 0}
+    for _ in range(200):
+        shares = rng.beta(0.6 * 4, 0.4 * 4, size=5)  # failures of one run correlate by 0.2
+        sample = cases(*((int(rng.binomial(10, share)), 10) for share in shares))
+        for method in covered:
+            low, high = method(sample)
+            covered[method] += low <= 0.6 <= high
+    ours, theirs = covered.values()
+    assert ours >= 184
+    assert theirs <= 164

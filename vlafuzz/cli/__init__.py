@@ -5,7 +5,7 @@ import os
 import re
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -42,32 +42,6 @@ COMMANDS = {
     "list strategies": ("vlafuzz.cli.lists:strategies", "The strategies that propose scenes."),
     "list policies": ("vlafuzz.cli.lists:policies", "The policies that can be tested."),
     "list worlds": ("vlafuzz.cli.lists:worlds", "The worlds, with their tasks and robots."),
-}
-
-# Two examples of the commands that are used most, below the flags that `--help` shows.
-EXAMPLES: Mapping[str, tuple[str, str]] = {
-    "run": (
-        "vlafuzz run --policy pinhole --task put-on --budget 100 --store first.db",
-        "vlafuzz run --policy openpi:ws://gpu:8000 --vary light,camera-position --time 1h",
-    ),
-    "triage": ("vlafuzz triage first.db --limit 5", "vlafuzz triage first.db --rollouts 500 --time 30m"),
-    "report": ("vlafuzz report first.db --out page.html", "vlafuzz report mini-pick-up --out corpus.html --no-videos"),
-    "regress": (
-        "vlafuzz regress mini-pick-up --policy mini",
-        "vlafuzz regress my-corpus --policy python:mine:make --baseline python:old:make",
-    ),
-    "export": (
-        "vlafuzz export first.db --out failing.jsonl",
-        "vlafuzz export first.db --format lerobot --demos 400 --out demos",
-    ),
-    "compare": (
-        "vlafuzz compare --policy pinhole --budget 100 --repeats 7",
-        "vlafuzz compare --strategies random,causes,nsga2 --policy pinhole --store compare.db",
-    ),
-    "replay": (
-        "vlafuzz replay first.db --video failure.mp4",
-        "vlafuzz replay failing.jsonl 3f2a --policy expert --video solved.mp4",
-    ),
 }
 
 app = typer.Typer(
@@ -167,9 +141,7 @@ def load(name: str) -> Any:
     module, _, attribute = COMMANDS[name][0].partition(":")
     command = getattr(importlib.import_module(module), attribute)
     single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    examples = ("Examples:", *EXAMPLES[name]) if name in EXAMPLES else ()
-    epilog = "\n\n".join(line.replace("[", r"\[") for line in examples) or None
-    single.command(name, epilog=epilog)(stdout_for_data()(command))
+    single.command(name)(stdout_for_data()(command))
     return typer.main.get_command(single)
 
 

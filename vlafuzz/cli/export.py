@@ -117,7 +117,6 @@ def _export_demonstrations(
 def _export_corpus(store: Path, out: Path, run: int | None, controls: int | None, workers: int) -> None:
     """Check the minimal failures once more and write those that hold: a corpus, or one for each task."""
     check_number("--controls", controls, 0)
-    from vlafuzz.cli.triage import note_alone
     from vlafuzz.failures.corpus.controls import CONTROLS
     from vlafuzz.failures.corpus.export import export as export_corpus, tasks_of
     from vlafuzz.failures.corpus.folder import check_new, write_corpus
@@ -125,7 +124,6 @@ def _export_corpus(store: Path, out: Path, run: int | None, controls: int | None
     from vlafuzz.store.store import Store
 
     check_new(out)
-    note_alone(store)
     wanted, failed = CONTROLS if controls is None else controls, list[VlafuzzError]()
     with Store.open(store) as opened, Bar() as bar:
         tasks = tasks_of(opened, run)

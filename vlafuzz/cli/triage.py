@@ -58,7 +58,6 @@ def command(
     from vlafuzz.rollouts.registry import place_of
     from vlafuzz.store.store import Store
 
-    note_alone(store)
     with Store.open(store) as opened:  # to write, an empty file would be made a store
         place = place_of(workers or (1 if executor == "local" else usual_workers(opened)), executor)
         again = command_line("triage", store, names=[run.manifest.policy for run in opened.runs()])
@@ -106,16 +105,6 @@ def note_unjudged(unjudged: Counter[Unjudged]) -> str:
         Bar.note(f"{plural(unfair, 'failure')} could not be judged: no longer fair")
     broken = unjudged[Unjudged.BROKEN]
     return f"{plural(broken, 'failure')} could not be judged: policy or simulator broke" if broken else ""
-
-
-def note_alone(store: Path) -> None:
-    """Note runs of which nobody says which model they tested."""
-    from vlafuzz.store.store import Store
-
-    with Store.open(store) as opened:
-        alone = [str(run.id) for run in opened.runs() if run.manifest.alone]
-    if alone:
-        Bar.note(f"note: run {', '.join(alone)}: what answers now has to be the model that was tested then")
 
 
 def shown_on(bar: Bar, kind: str) -> Callable[[Progress], None]:

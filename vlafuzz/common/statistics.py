@@ -1,7 +1,7 @@
 """Intervals of shares and ratios, and tests of whether two samples differ."""
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import count
@@ -41,21 +41,6 @@ class Share:
         """Make the share of independent cases, with Wilson's interval."""
         return cls(count, of, *wilson(count, of))
 
-    @classmethod
-    def grouped(cls, cases: Sequence[tuple[Hashable, bool]]) -> Self:
-        """Make the share of cases, each with its group; those of one group may be alike.
-
-        The interval is Wilson's for the effective number of cases, reduced further when there are few groups: Korn,
-        Graubard 1998; Franco, Little, Louis, Slud 2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>. With one
-        group, or where all or no cases are positive, it is Wilson's of all cases, which may be too narrow.
-        """
-        groups: dict[Hashable, list[bool]] = {}
-        for of, positive in cases:
-            groups.setdefault(of, []).append(positive)
-        count, of = sum(positive for _, positive in cases), len(cases)
-        effective = of if count in (0, of) else _effective(list(groups.values()))
-        return cls(count, of, *wilson(count / max(of, 1) * effective, effective))
-
     @property
     def share(self) -> float:
         """The share in [0, 1]; 0 where there are no cases."""
@@ -68,7 +53,7 @@ class Share:
 def wilson(k: float, n: float) -> Interval:
     """Wilson's 95 % score interval of a share, ``k`` of ``n``; [0, 1] when n is 0.
 
-    SciPy's takes integers only, groups have effective counts.
+    SciPy's takes integers only, and there are effective counts.
     """
     if n == 0:
         return Interval(0.0, 1.0)
@@ -222,21 +207,6 @@ def mean_ratio(ours: Sequence[float], theirs: Sequence[float]) -> Estimate | Non
 def mean_estimate(values: Sequence[float]) -> Estimate | None:
     """Mean of values, none of them negative, with the interval of ``mean_ratio``."""
     return mean_ratio(values, [1.0] * len(values))
-
-
-def _effective(groups: Sequence[Sequence[bool]]) -> float:
-    """The number of independent cases whose share would vary as that of groups."""
-    number = sum(map(len, groups))
-    mean = sum(map(sum, groups)) / number
-    # The variance of a ratio of totals, by linearisation.
-    apart = sum((sum(group) - mean * len(group)) ** 2 for group in groups)
-    if len(groups) < 2 or not apart:
-        return float(number)
-    from scipy.special import stdtrit
-
-    variance = apart / number**2 * len(groups) / (len(groups) - 1)
-    few = (_Z / float(stdtrit(len(groups) - 1, _TAIL))) ** 2
-    return float(min(number, few * (mean - mean**2) / variance))
 
 
 def sign_p(worse: Counts, better: Counts) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 A correction may also help a policy that is wired correctly: shorter moves make up for noise, for example. So it must
 add more than ``SHIFT`` of progress, about a stage, in scenes other than those in which it was chosen among all
-corrections. One that adds less is at most suspicious, if the policy nearly always succeeds with it.
+corrections.
 
 In the test, a bet against "it adds at most ``bound`` on average" multiplies the bettor's wealth by ``1 + stake (gain -
 bound)`` after every scene, which is no expected gain as long as that holds, and never goes below 0. By Ville's
@@ -27,9 +27,8 @@ from vlafuzz.policies.harness import WIDTH
 Pair = tuple[Scene, Outcome]
 FEWEST = 2  # failures among successes from which on a fault of wiring is looked for
 SCREENED = 2  # failed scenes in which every correction is tried
-CLEARLY = 0.1  # mean gain in progress from which on a correction is worth a word
+CLEARLY = 0.1  # mean gain in progress from which on a correction is tried in further scenes
 SHIFT = 0.3  # mean gain in progress that a correctly wired policy may have, too
-RELIABLY = 0.8  # share of scenes in which a policy succeeds with a correction that is worth a warning
 ALPHA = 0.05  # significance level: probability of naming a correction that adds at most SHIFT
 KEPT = 3  # solved scenes in which the correction must do no harm
 MOST = 50  # further scenes for the best correction
@@ -149,17 +148,15 @@ _PICTURES = (
 
 
 class CorrectionTrial:
-    """One correction in further scenes: progress without it and with it, and how many it solved."""
+    """One correction in further scenes: progress without it and with it."""
 
     def __init__(self) -> None:
         self.progress: list[tuple[float, float]] = []
-        self.solved = 0
 
     def see(self, without: Outcome, corrected: Outcome) -> None:
         """Add a scene; it does not count if a rollout was invalid or broke."""
         if min(without.verdict, corrected.verdict) >= Verdict.PASSED:
             self.progress.append((without.progress, corrected.progress))
-            self.solved += corrected.verdict is Verdict.PASSED
 
     def wealth(self, bound: float, more: int = 0) -> float:
         """The bettor's wealth, from 1, after these and ``more`` of the largest possible gains."""
@@ -188,16 +185,11 @@ def check_wiring(
     best, gain = _best(failed, candidates, roll)
     if gain > CLEARLY:
         trial = _try(best, _alike([scene for scene, _ in failed], fresh), roll)
-        miswired, pairs = trial.adds(SHIFT), len(trial.progress)
-        suspicious = trial.adds(CLEARLY) and trial.solved >= RELIABLY * pairs
-        if (miswired or suspicious) and _keeps(best, outcomes, roll):
+        if trial.adds(SHIFT) and _keeps(best, outcomes, roll):
             without, corrected = np.mean(trial.progress, axis=0)
             rise = f"raises its progress from {without:.2f} to {corrected:.2f}"
-            detail = f"{best.fault}: correcting this {rise} in {pairs} scenes like those that failed"
-            if miswired:
-                return Check("wiring", detail, "refuse", f"miswired: {best.advice}")
-            reasons = "suspicious: a gain this small may have other reasons"
-            return Check("wiring", detail, "warn", f"{reasons}; if it is the fault, {best.advice}")
+            detail = f"{best.fault}: correcting this {rise} in {len(trial.progress)} scenes like those that failed"
+            return Check("wiring", detail, "refuse", f"miswired: {best.advice}")
     return Check("wiring", f"none of {len(candidates)} corrections clearly raises its progress", "ok")
 
 

@@ -1,6 +1,6 @@
 """Files of scenes: JSON lines, a scene a line."""
 
-import json
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.model.scene import Scene
 
 MOST, MOST_LINES = 256 * MIB, 200_000  # of a file: bytes; lines, of which each may be broken
-_VERDICT = "verdict"
+_VERDICT = re.compile(r',"verdict":"[a-z]+"(?=}$)')  # beside scenes in files of earlier versions
 _EXPECTED = "expected JSON lines with one scene per line"
 
 
@@ -27,7 +27,7 @@ def read_scenes(path: Path, inside: Path | None = None) -> Iterator[tuple[int, S
         if not line.strip():
             continue
         try:
-            yield number, Scene.from_json(_without_verdict(line))
+            yield number, Scene.from_json(_VERDICT.sub("", line.rstrip()))
         except SceneError as error:
             yield number, SceneError(f"{path}:{number}: {error.message}", error.hint)
 
@@ -42,19 +42,6 @@ def load_scenes(path: Path | str, inside: Path | None = None) -> list[Scene]:
     if not scenes:
         raise SceneError(f"{path}: no scenes in it", hint=_EXPECTED)
     return scenes
-
-
-def _without_verdict(line: str) -> str:
-    """The scene of a line, which has a verdict beside it in files of earlier versions."""
-    if _VERDICT not in line:
-        return line
-    try:
-        document = parse_json(line)
-    except ValueError:
-        return line  # reading it as a scene will raise the error
-    if isinstance(document, dict):
-        document.pop(_VERDICT, None)
-    return json.dumps(document)
 
 
 def write_scenes(path: Path, scenes: Iterable[Scene]) -> None:

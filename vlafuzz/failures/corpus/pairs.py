@@ -134,11 +134,11 @@ class Tally:
 
     @staticmethod
     def of(compared: Sequence[Compared]) -> Tally:
-        """The pairs of one scene may be alike, and count for less than those of as many scenes."""
-        pairs = [(number, pair) for number, scene in enumerate(compared) for pair in scene.judged]
+        """The intervals are those of independent pairs, as controls have, which are rolled out once each."""
+        pairs = [pair for scene in compared for pair in scene.judged]
         return Tally(
-            Share.grouped([(number, pair.baseline.passed) for number, pair in pairs]),
-            Share.grouped([(number, pair.policy.passed) for number, pair in pairs]),
+            Share.of_counts(sum(pair.baseline.passed for pair in pairs), len(pairs)),
+            Share.of_counts(sum(pair.policy.passed for pair in pairs), len(pairs)),
             sum(scene.standing == "worse" for scene in compared),
             sum(scene.standing == "better" for scene in compared),
         )
