@@ -66,6 +66,12 @@ class TestVariedSpace:
         assert varied.severities(scene)["target-type"] == 1.0
         assert varied.nominal(like=scene) == scene
 
+    def test_the_last_wording_is_how_libero_pro_says_it_of_the_swapped_thing(self, varied):
+        index = varied.composer.layout.slots["targets.0"].index("ketchup")
+        scene = varied.composer.compose(varied.nominal_values | {"targets.0.object": index, "instruction": 6})
+        assert scene.instruction == "grab ketchup and put it into basket"
+        assert varied.decode(varied.encode(scene)) == scene
+
     def test_operators_are_reset_one_by_one(self, varied):
         scene = swapped(varied.nominal(), "ketchup", added("wine_bottle", -0.2, -0.35, 90.0))
         assert varied.reset(scene, ["target-type"]) == replace(varied.nominal(), confounders=scene.confounders)

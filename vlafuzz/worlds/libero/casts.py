@@ -121,16 +121,17 @@ def recast(task: LiberoTask, things: tuple[str, ...]) -> LiberoTask:
 
 def _about(task: LiberoTask, names: Mapping[str, str]) -> LiberoTask:
     """The task with what it says of some things, by their names, said of others."""
-    instruction, objects = task.instruction, load_objects()
+    (instruction, paraphrase), objects = (task.instruction, task.paraphrase), load_objects()
     for own, name in names.items():
         if name != own:
-            said = objects.said(kind_of(own), task.instruction)
-            instruction = _pattern(str(said)).sub(objects.words[kind_of(name)][0], instruction)
+            said, now = _pattern(str(objects.said(kind_of(own), task.instruction))), objects.words[kind_of(name)][0]
+            instruction = said.sub(now, instruction)
+            paraphrase = said.sub(now, paraphrase) if said.search(paraphrase) else instruction
     initial, goal, (interest,) = (
         tuple(tuple(names.get(word, word) for word in atom) for atom in atoms)
         for atoms in (task.initial, task.goal, [task.interest])
     )
-    return replace(task, instruction=instruction, initial=initial, goal=goal, interest=interest)
+    return replace(task, instruction=instruction, paraphrase=paraphrase, initial=initial, goal=goal, interest=interest)
 
 
 @cache

@@ -22,7 +22,7 @@ from vlafuzz.worlds.manipulation.operator_set import OperatorSet
 from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.manipulation.space import HINT, REDRAWS, RESTARTS, TableSpace
 
-# How an instruction is said: the suite's own way, then frames around it.
+# How an instruction is said: the suite's own way, then frames around it; last comes LIBERO-PRO's paraphrase.
 WORDINGS = (
     "{instruction}",
     "please {instruction}",
@@ -57,7 +57,7 @@ class LiberoComposer(TableComposer):
         self._libero = task
         slots = _slots(operators, task)
         nominal = {slot: int(slot[-1]) if slot.startswith("confounders") else 0 for slot in slots}
-        layout = Layout(slots, nominal, 1, len(WORDINGS), rig(robot))
+        layout = Layout(slots, nominal, 1, len(_said(task)), rig(robot))
         placing = [gene for kind in _OWN for gene in self._placing(operators.operators[kind])]
         alone = {"goal-slide"} if task.concerned < 2 else set[str]()  # what it is brought to cannot be moved
         alone |= set() if switches(task) else {"target-switch"}
@@ -119,7 +119,8 @@ def _check_names(operator: str, names: Iterable[str] | None, known: Collection[s
 
 @cache
 def _said(task: LiberoTask) -> tuple[str, ...]:
-    return tuple(wording.replace("{instruction}", task.instruction) for wording in WORDINGS)
+    said = (wording.replace("{instruction}", task.instruction) for wording in WORDINGS)
+    return (*said, task.paraphrase) if task.paraphrase else tuple(said)
 
 
 class LiberoSpace(TableSpace):

@@ -29,8 +29,9 @@ class LiberoTask:
     """A task of a suite.
 
     Attributes:
-        instruction: as LIBERO's evaluations give it to policies; of reworded suites the problem's own. bddl: file of
-        the problem: objects, regions, initial state and goal.
+        instruction: as LIBERO's evaluations give it to policies; of reworded suites the problem's own. paraphrase: how
+        LIBERO-PRO says it, if it does.
+        bddl: file of the problem: objects, regions, initial state and goal.
         initial: what the problem says of the start, as predicates.
         goal: predicates that all hold where the task is solved.
         interest: names of the objects of interest.
@@ -45,6 +46,7 @@ class LiberoTask:
     goal: tuple[Atom, ...]
     interest: tuple[str, ...]
     things: tuple[str, ...]
+    paraphrase: str = ""
 
     @property
     def carried(self) -> tuple[str, ...]:
@@ -91,9 +93,13 @@ def initial_states(task: LiberoTask) -> Array:
     return np.asarray(_suite(task.suite).get_task_init_states(task.number))
 
 
+def _known() -> dict[str, Any]:
+    return dict(load("libero.libero.benchmark").get_benchmark_dict())
+
+
 @cache
 def _suite(name: str) -> Any:
-    known = load("libero.libero.benchmark").get_benchmark_dict()
+    known = _known()
     if name not in known:
         raise UsageError(f"LIBERO has no suite {name!r}", hint=suggestion(name, known))
     with quiet():  # it says in which order its tasks are
@@ -123,6 +129,7 @@ def _task(suite: str, number: int) -> LiberoTask:
         goal=goal,
         interest=interest,
         things=tuple(name for name in dict.fromkeys([*wanted, *movable]) if name in movable),
+        paraphrase=_task(f"{suite}_lan", number).instruction if f"{suite}_lan" in _known() else "",
     )
 
 
