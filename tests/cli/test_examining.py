@@ -69,14 +69,6 @@ def test_the_doctor_finds_nothing_wrong_with_a_healthy_policy(capsys):
     assert list(checks)[-3:] == ["rollouts", "nominal", "wiring"]
 
 
-def test_the_doctor_ends_in_its_time_with_what_it_knows(capsys):
-    flags = ("--n", "8", "--time", "0.000001s", "--json")
-    printed = typed(capsys, ["doctor", "--policy", f"{HERE}:idle", *flags], code=3)
-    checks = {row["check"]: row["found"] for row in json.loads(printed.out)}
-    assert checks["nominal"].startswith("succeeds in 0 of 1 nominal scenes")
-    assert checks["wiring"] == "unknown: --time was over after 0 rollouts with corrections"
-
-
 def test_a_server_that_is_not_there_is_refused_with_what_to_start(capsys):
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))

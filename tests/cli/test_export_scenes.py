@@ -1,7 +1,6 @@
 """``vlafuzz export`` of the scenes of a store, and of files of VLATest."""
 
 import json
-import re
 from pathlib import Path
 from shutil import copy
 
@@ -93,9 +92,7 @@ def test_several_files_become_one_in_order(tmp_path: Path, capsys):
     assert main(["export", *map(str, files), "--out", str(out)]) == 0
     objects = [(scene.robot, scene.targets[0].object) for scene in load_scenes(out)]
     assert objects == [("google", f"custom:{name}") for name in ("apple", "hammer", "opened_pepsi_can")]
-    message = capsys.readouterr()
-    assert re.search(r"│ +2 │", message.out)
-    assert message.err == ""
+    assert "3 scenes written to" in capsys.readouterr().err
 
 
 def test_nowhere_to_write_and_another_file_are_usage_errors(folder: Path, capsys):

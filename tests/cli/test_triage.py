@@ -60,10 +60,10 @@ def test_it_goes_on_where_it_ended(capsys):
         assert told(capsys, ["triage", "a.db", "--limit", str(limit), "--json"])["triaged"] == done
 
 
-def test_a_triage_that_has_spent_its_rollouts_says_what_is_left(capsys):
-    printed = typed(capsys, ["triage", "a.db", "--rollouts", "1", "--json"])
-    assert json.loads(printed.out)["triaged"] == 1
-    assert "2 failures are left: --rollouts are used up\nhint: continue with" in printed.err
+def test_a_triage_whose_time_is_over_says_what_is_left(capsys):
+    printed = typed(capsys, ["triage", "a.db", "--time", "0.000001s", "--json"])
+    assert json.loads(printed.out)["triaged"] == 0
+    assert "3 failures are left: --time is over\nhint: continue with" in printed.err
 
 
 def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(capsys, store: Path):

@@ -106,10 +106,8 @@ def test_a_cache_that_cannot_be_written_is_one_sentence(tmp_path: Path, monkeypa
     assert kept("answer", lambda: 42) == 42  # which needs no cache
 
 
-def test_drafts_of_processes_that_were_killed_leave_the_cache(tmp_path: Path, monkeypatch):
+def test_what_a_killed_process_left_is_made_anew(tmp_path: Path, monkeypatch):
     monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
-    for name in (".abandoned", ".present"):
-        (tmp_path / "meshes" / name).mkdir(parents=True)
-    os.utime(tmp_path / "meshes" / ".abandoned", (0, 0))
+    (tmp_path / "meshes" / ".can" / "half").mkdir(parents=True)
     assets.made_once("meshes/can", lambda folder: None, lambda folder: False)
-    assert {path.name for path in (tmp_path / "meshes").iterdir()} == {".present", "can"}
+    assert list((tmp_path / "meshes" / "can").iterdir()) == []

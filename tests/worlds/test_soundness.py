@@ -19,7 +19,7 @@ DEFECTS = (
     ("KeepsState", "repeats", "after a rollout the nominal scene is another one"),
     ("AppliesLate", "repeats", "at the next reset only"),
     ("DependsOnProcess", "processes", "another process has another rollout"),
-    ("SwappedUnit", "values", "a swapped unit: it takes radians for degrees"),
+    ("SwappedUnit", "values", "its unit is swapped, or"),
     ("SwapsCategories", "values", "ice was set, the simulator has felt"),
     ("ClipsReadBack", "values", "mass (how heavy the cart is): 2.7 kg was set, the simulator has 2.5 kg"),
     ("IgnoresReadBack", "values", "0.5 kg was set, the simulator has 2 kg"),

@@ -5,14 +5,11 @@ from typing import Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, TimeFlag, configured, option, with_run_options
-from vlafuzz.cli.output import Bar, print_row, print_rows
+from vlafuzz.cli.flags import JsonFlag, configured, option, with_run_options
+from vlafuzz.cli.output import Bar, data, print_lines, print_rows
 from vlafuzz.common.check import Check
-from vlafuzz.common.deadline import deadline
 from vlafuzz.doctor.machine import machine
 from vlafuzz.errors import UsageError, check_number
-
-WIDTHS = {"check": 14, "verdict": 7}  # characters
 
 
 @with_run_options(
@@ -28,7 +25,6 @@ def doctor(
         option("The policy's world; without a policy, one of your own, python:pkg.mod:factory, to be checked itself."),
     ] = None,
     n: Annotated[int | None, option("Nominal scenes that the policy is to solve.", "10", flag="--n")] = None,
-    time: TimeFlag = None,
     json: JsonFlag = False,
     **given: Any,
 ) -> None:
@@ -40,8 +36,8 @@ def doctor(
     """
     flags = configured(given)
     policy, task = flags.get("policy"), flags.get("task")
-    until, done, interrupted = deadline("--time", time), list[Check](), False
-    if policy is None and (flags.keys() - {"task" if world else ""} or n is not None or time is not None):
+    done, interrupted = list[Check](), False
+    if policy is None and (flags.keys() - {"task" if world else ""} or n is not None):
         raise UsageError("nothing but --json goes without --policy", hint="name the policy to be checked")
     with Bar() as bar:
         if policy is None and world is not None:
@@ -55,13 +51,14 @@ def doctor(
             from vlafuzz.worlds import task_of
 
             run = RunConfig(**flags | {"task": task_of(world, task)})
-            checks = examine(run, 10 if n is None else n, bar, until)
+            checks = examine(run, 10 if n is None else n, bar)
         try:
             for check in checks:
                 done.append(check)
                 if not json:  # at once: with a slow policy the next one may take many minutes
                     bar.clear()
-                    print_row(check._asdict(), WIDTHS, first=len(done) == 1)
+                    print_lines(f"{check.verdict}: {check.check}: {'; '.join(filter(None, check[1::2]))}")
+                    data().flush()
         except KeyboardInterrupt:
             interrupted = True
     if json and done:

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import typer
 
 from vlafuzz.cli.flags import TrustFlag, option, refuse
-from vlafuzz.cli.output import Bar, print_rows
+from vlafuzz.cli.output import Bar
 from vlafuzz.common.files import writing
 from vlafuzz.common.text import plural
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, VlafuzzError, check_number
@@ -172,4 +172,4 @@ def _import_scenes(files: Sequence[Path], out: Path) -> None:
     imported = {path: usual_world().imported(path) for path in files}
     with writing(out):
         write_scenes(out, [scene for scenes in imported.values() for scene in scenes])
-    print_rows([{"file": str(path), "scenes": len(scenes)} for path, scenes in imported.items()], title=str(out))
+    Bar.note(f"{sum(map(len, imported.values()))} scenes written to {out}")

@@ -101,16 +101,6 @@ def table(rows: Sequence[Mapping[str, Any]], title: str = "") -> Table:
     return table
 
 
-def print_row(row: Mapping[str, Any], widths: Mapping[str, int], *, first: bool) -> None:
-    """Print a row of a table that grows as its rows become known; columns without a width share the rest."""
-    line = Table(box=None, show_header=first, header_style="bold", expand=True, padding=(0, 2, 0, 0))
-    for key in row:
-        line.add_column(key, width=widths.get(key), ratio=None if key in widths else 1, overflow="fold")
-    line.add_row(*(_shown(value) for value in row.values()))
-    stdout().print(line)
-    data().flush()
-
-
 def _shown(value: Any) -> str:
     if value is None:
         return "–"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
@@ -29,9 +28,6 @@ AGAIN = "the next triage tries them again"
 def command(
     store: Annotated[Path, typer.Argument(help="A store that `vlafuzz run` wrote.")],
     limit: Annotated[int | None, option("Most failures to work on.", "all that are left")] = None,
-    rollouts: Annotated[
-        int | None, option("Policy rollouts of all failures together, after which no further one is begun.", "no limit")
-    ] = None,
     time: TimeFlag = None,
     workers: WorkersFlag = None,
     executor: ExecutorFlag = None,
@@ -42,12 +38,12 @@ def command(
 
     Every failure is confirmed, solved by an expert, shrunk to the operators that it takes, and attributed to them.
     Failures that were triaged before are left as they are. Those that show the commonest causes come first, so that
-    --limit, --rollouts and --time leave out what matters least; the next triage goes on. A failure that a cause
+    --limit and --time leave out what matters least; the next triage goes on. A failure that a cause
     certified before explains is certified with the values that it was found with.
     """
     from vlafuzz.common.deadline import deadline
 
-    for name, value in {"--limit": limit, "--rollouts": rollouts, "--workers": workers}.items():
+    for name, value in {"--limit": limit, "--workers": workers}.items():
         check_number(name, value, 1)
     until = deadline("--time", time)
     if not store.is_file():
@@ -61,7 +57,7 @@ def command(
     with Store.open(store) as opened:  # to write, an empty file would be made a store
         place = place_of(workers or (1 if executor == "local" else usual_workers(opened)), executor)
         again = command_line("triage", store, names=[run.manifest.policy for run in opened.runs()])
-    allowance = Allowance(rollouts, until)
+    allowance = Allowance(deadline=until)
     with (
         interruptible(f"interrupted: all finished failures are stored\nhint: continue with `{again}`") as bar,
         Store.open(store, "write") as opened,
@@ -83,9 +79,8 @@ def command(
     with Store.open(store) as opened:
         found = all_causes(opened)
         if allowance.used_up and left:
-            over = "--rollouts are used up" if allowance.spent_all else "--time is over"
             which = f"{plural(left, 'failure')} {'is' if left == 1 else 'are'} left"
-            Bar.note(f"{which}: {over}\nhint: continue with `{again}`{hours(opened, left)}")
+            Bar.note(f"{which}: --time is over\nhint: continue with `{again}`{hours(opened, left)}")
     if json:
         counts = {"unjudged": unjudged.total(), "broken": unjudged[Unjudged.BROKEN]}
         print_json(asdict(summary) | counts | {"runs": [{"run": one.run, **one.document()} for one in found]})
@@ -124,7 +119,7 @@ def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowanc
 
     done = {triaged.key for triaged in store.triaged()}
     left = len([finding for finding in store.findings() if finding.key not in done][:limit])
-    rollouts = min(expected(store, left), allowance.rollouts or sys.maxsize)
+    rollouts = expected(store, left)
     seconds, within = rollouts * pace(store, workers), allowance.deadline.left
     if seconds > min(NOBODY_WAITS, within):
         basis = f"about {plural(rollouts, 'rollout')}, which take as long as those of the run"

@@ -10,8 +10,6 @@ import json
 import os
 import re
 import shutil
-import tempfile
-import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from importlib.resources import files
@@ -26,7 +24,6 @@ from vlafuzz.errors import PrerequisiteError
 _PACKAGE = Path(str(files("vlafuzz")))
 FOLDERS = "VLAFUZZ_PACKS"  # environment variable with a list of folders as in PATH
 _KEPT = "answer.json"
-_ABANDONED = 86400.0  # seconds after which nobody fills a draft any more
 _UNWRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.ENOTDIR, errno.EEXIST)
 
 
@@ -87,32 +84,24 @@ def made_once(name: str, fill: Callable[[Path], None], is_complete: Callable[[Pa
     folder = cache_dir() / name
     if is_complete(folder):
         return folder
+    from filelock import FileLock
+
+    draft = folder.with_name(f".{folder.name}")
     try:
-        _make(folder, fill, is_complete)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(f"{draft}.lock"):
+            if not is_complete(folder):
+                for old in (draft, folder):  # of a process that was killed, or damaged
+                    shutil.rmtree(old, ignore_errors=True)
+                draft.mkdir()
+                fill(draft)
+                draft.rename(folder)
     except OSError as error:
         if error.errno not in _UNWRITABLE:
             raise
         hint = "make room there, or name another folder in VLAFUZZ_CACHE"
         raise PrerequisiteError(f"the cache {folder.parent} cannot be written: {reason(error)}", hint) from None
     return folder
-
-
-def _make(folder: Path, fill: Callable[[Path], None], is_complete: Callable[[Path], bool]) -> None:
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    for draft in folder.parent.glob(".*"):  # of processes that were killed
-        with suppress(FileNotFoundError):  # another process removes it, too
-            if time.time() - draft.stat().st_mtime > _ABANDONED:
-                shutil.rmtree(draft, ignore_errors=True)
-    with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent, ignore_cleanup_errors=True) as space:
-        draft = Path(space) / "draft"
-        draft.mkdir()
-        fill(draft)
-        try:
-            draft.rename(folder)
-        except OSError:
-            if not is_complete(folder):  # damaged; otherwise another process was faster
-                shutil.rmtree(folder, ignore_errors=True)
-                draft.rename(folder)
 
 
 def cpuinfo(entry: str) -> str | None:

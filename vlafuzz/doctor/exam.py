@@ -18,7 +18,6 @@ from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig, stands_alone
 from vlafuzz.campaign.forecast import Speed, answered_together, at_a_time, longest, usual_speed
 from vlafuzz.common.check import Check
-from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.doctor import verdicts
@@ -47,14 +46,11 @@ BROKEN = 2  # broken rollouts after which the remaining ones are skipped
 class Exam:
     """One policy in the task of a planned run. Loading the simulator takes seconds; the policy stays open.
 
-    ``watch`` is told of every rollout to the end. After the deadline none is begun but the first.
+    ``watch`` is told of every rollout to the end.
     """
 
-    def __init__(
-        self, manifest: Manifest, policy: Policy, watch: Watch = SILENT, deadline: Deadline | None = None
-    ) -> None:
+    def __init__(self, manifest: Manifest, policy: Policy, watch: Watch = SILENT) -> None:
         self._watch, self._done, self._most = watch, 0, 0
-        self._deadline = deadline or Deadline()
         self._policy, self._spec = policy, policy.spec
         self._hz = world_of(manifest.task).robot(manifest.robot).control_hz or policy.spec.action.hz
         self._corrected = Corrected(policy)
@@ -107,12 +103,7 @@ class Exam:
     def _wired(self) -> Check:
         candidates = corrections(self._spec, self._recorder.longest)
         self._done, self._most = 0, most_rollouts(candidates)
-        try:
-            return check_wiring(self._outcomes, self._nominal, candidates, self._retry)
-        except TimeOverError:
-            tried = plural(self._done, "rollout")
-            found = f"unknown: --time was over after {tried} with corrections"
-            return Check("wiring", found, "warn", "a longer --time finds out")
+        return check_wiring(self._outcomes, self._nominal, candidates, self._retry)
 
     def _probed(self, *, quick: bool) -> Iterator[Check]:
         spec, recorder = self._spec, self._recorder
@@ -180,7 +171,7 @@ class Exam:
             failed += outcome.verdict is Verdict.FAILED
             self._watch.progress("nominal rollouts", rolled, max(n, rolled))
             enough = rolled >= (MORE * n if failed == 1 < rolled else n)
-            if enough or broken == BROKEN or 2 * failed > n or self._deadline.passed:
+            if enough or broken == BROKEN or 2 * failed > n:
                 return
 
     def _drawn(self, vary: Sequence[str] | None) -> Iterator[Scene]:
@@ -193,8 +184,6 @@ class Exam:
 
     def _retry(self, scene: Scene, correction: Correction | None) -> Outcome:
         """A rollout to find out what is the wrong way round."""
-        if self._deadline.passed:
-            raise TimeOverError
         self._watch.progress("rollouts with corrections", self._done, self._most)
         self._done += 1
         return self._roll(scene, correction)
@@ -204,11 +193,8 @@ class Exam:
         return evaluate_safely(self._evaluator, scene)
 
 
-def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | None = None) -> Iterator[Check]:
-    """All checks of the policy that the run names, up to the first refusal, with ``n`` nominal rollouts.
-
-    After the deadline no rollout is begun but the first.
-    """
+def examine(run: RunConfig, n: int, watch: Watch = SILENT) -> Iterator[Check]:
+    """All checks of the policy that the run names, up to the first refusal, with ``n`` nominal rollouts."""
     assert run.policy
     try:
         policy = make_policy(run.policy)
@@ -221,7 +207,7 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | 
         manifest = config.plan(run, policy=policy).manifest
         most = longest(policy.spec, manifest)
         watch.progress("checks", 0, None)
-        with closing(Exam(manifest, policy, watch, deadline)) as exam:
+        with closing(Exam(manifest, policy, watch)) as exam:
             for number, check in enumerate(exam.thorough(n), start=1):
                 yield check
                 watch.progress("checks", number, None)
@@ -230,7 +216,7 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | 
                     seconds = most * speed.step
                     first = f"up to {duration(n * seconds)} for {plural(n, 'rollout')} of up to {most} steps"
                     more = f"where they fail, up to {duration(150 * seconds)} more, with corrections"
-                    watch.note(f"{first}; {more}; --time bounds it; {speed.words}")
+                    watch.note(f"{first}; {more}; Ctrl-C ends it; {speed.words}")
 
 
 def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> tuple[Plan, Speed | None]:

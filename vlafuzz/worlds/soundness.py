@@ -29,15 +29,7 @@ PLACES = 9  # values of a range that are tried, evenly spaced
 SEED = 7
 BEFORE_ALL = ("world", "resets", "steps", "repeats")  # checks without which the others mean nothing
 GLOBAL = "it draws from numpy.random or random, which no seed reaches: draw from env.np_random"
-# Factors by which a value is off where its unit is mistaken.
-UNITS = {
-    math.pi / 180: "degrees for radians",
-    180 / math.pi: "radians for degrees",
-    1e-3: "a unit a thousand times smaller",
-    1e3: "a unit a thousand times larger",
-    1e-2: "a unit a hundred times smaller",
-    1e2: "a unit a hundred times larger",
-}
+MISTAKEN = "its unit is swapped, or it is clipped, ignored or mapped wrongly: look at apply and at applied"
 Values = Mapping[str, Value]
 
 
@@ -154,7 +146,7 @@ class _Exam:
                 has = trace.applied[one.name]
                 if not _equal(value, has):
                     found = f"{_named(one)}: {_said(one, value)} was set, the simulator has {_said(one, has)}"
-                    return Check("values", found, "refuse", _mistake(value, has))
+                    return Check("values", found, "refuse", MISTAKEN)
         if not told:
             return Check("values", "the world reads none of them back: applied(now) would")
         return Check("values", f"{told} of them are read back as they were set")
@@ -360,15 +352,6 @@ def _equal(value: Value, has: Value) -> bool:
     if isinstance(value, str) or isinstance(has, str):
         return value == has
     return math.isclose(value, has, rel_tol=1e-4, abs_tol=1e-6)
-
-
-def _mistake(value: Value, has: Value) -> str:
-    """A likely reason for a value that arrives as another."""
-    if not isinstance(value, str) and not isinstance(has, str) and value:
-        for factor, means in UNITS.items():
-            if math.isclose(has / value, factor, rel_tol=1e-3):
-                return f"a swapped unit: it takes {means}"
-    return "it is clipped, ignored or mapped wrongly: look at apply and at applied"
 
 
 def _end(one: Parameter, values: list[Value], same: list[bool]) -> str:

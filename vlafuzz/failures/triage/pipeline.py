@@ -60,12 +60,8 @@ class Allowance:
     @property
     def used_up(self) -> bool:
         takes = sum(self._seconds) / max(len(self._seconds), 1)
-        return self.spent_all or self.deadline.left <= takes
-
-    @property
-    def spent_all(self) -> bool:
-        """Whether the rollouts are used up."""
-        return self.rollouts is not None and self.spent >= self.rollouts
+        spent_all = self.rollouts is not None and self.spent >= self.rollouts
+        return spent_all or self.deadline.left <= takes
 
 
 class Job(NamedTuple):
