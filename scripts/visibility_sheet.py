@@ -45,7 +45,7 @@ def scenes(task: str, seed: int, *, seen: bool) -> Iterator[tuple[Scene, str]]:
 
 def cell(scene: Scene, words: str, stills: ManiSkillEvaluator, size: int) -> Image.Image:
     """The picture of a scene and crops around its targets, over a line of words."""
-    picture = Image.fromarray(stills.still(scene))
+    picture = Image.fromarray(stills.begin(scene, 0).picture("recording"))
     page = Image.new("RGB", (3 * size + 8, size + LINE), (90, 60, 90))
     page.paste(picture, (0, 0))
     view, half = camera_pose(rig(scene.robot).view, scene.camera), size / ZOOM / 2

@@ -35,9 +35,9 @@ def test_each_rejection_has_its_line_check_and_reason(tmp_path: Path, capsys):
     assert row["rejections"][1]["reason"] == "unknown object 'duck'"
 
 
-def test_verbose_names_file_and_line(tmp_path: Path, capsys):
+def test_each_problem_has_its_file_and_line(tmp_path: Path, capsys):
     path = scenes(tmp_path, FAIR, CROWDED)
-    assert main(["lint", "--static", "--verbose", str(path)]) == 1
+    assert main(["lint", "--static", str(path)]) == 1
     assert f"{path}:2: geometry: apple and orange: 0.100 m between" in capsys.readouterr().out
 
 

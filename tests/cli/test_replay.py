@@ -92,12 +92,6 @@ def test_what_cannot_be_run_is_a_sentence(tmp_path, capsys):
     assert "nope" in said.err
 
 
-def test_where_nothing_failed_one_that_passed_is_named(tmp_path, capsys):
-    store = str(stored(tmp_path / "s.db", ended(nominal("pick-up"), passed())))
-    said = typed(capsys, ["replay", store], code=2).err
-    assert f"give the digest of a scene that passed: {nominal('pick-up').digest[:12]}" in said
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

@@ -130,10 +130,7 @@ def _player(conditions: Conditions, actions: Actions) -> Player:
 
 def _find_in_store(store: Store, digest: str | None, policy: str | None) -> Replayable:
     if digest is None:
-        trials = (trial for run in store.runs() for trial in store.trials(run.id) if trial.outcome.rollouts)
-        passed = next((trial.scene.digest[:12] for trial in trials), None)
-        hint = f"give the digest of a scene that passed: {passed}" if passed else "none of its scenes was run"
-        raise UsageError(f"{store.path}: no scene failed", hint)
+        raise UsageError(f"{store.path}: no scene failed", hint="give the digest of a scene that passed")
     scene = store.scene(digest)
     finders = {finding.run for finding in store.findings() if finding.scene == scene}
 

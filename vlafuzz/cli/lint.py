@@ -22,7 +22,6 @@ def lint(
     ],
     static: Annotated[bool, option("Only what needs no simulator: semantics, geometry and visibility.")] = False,
     pack: PackFlag = None,
-    verbose: Annotated[bool, option("Say what is wrong in each line.", flag="--verbose -v")] = False,
     json: JsonFlag = False,
 ) -> None:
     """Check whether the scenes of a file are fair, or whether the tasks of a world or of a suite can be believed.
@@ -51,7 +50,7 @@ def lint(
         files_told = zip(judged, rows, strict=True)
         print_json([{"file": str(file.path), **file.counts, "rejections": found} for file, found in files_told])
     else:
-        for place, problem in problems if verbose else ():
+        for place, problem in problems:
             data().write(f"{sentence(f'{place}: {problem.check}: {problem.reason}')}\n")
         common = os.path.commonpath([file.path.absolute().parent for file in judged])
         for file in judged:

@@ -45,17 +45,9 @@ def _in_words(row: dict[str, Any]) -> dict[str, Any]:
 
 def policies(json: JsonFlag = False) -> None:
     """List the policies that can be tested."""
-    from vlafuzz.policies.clients.options import known_profiles
-    from vlafuzz.policies.clients.servers import client
     from vlafuzz.rollouts.policies import known_policies
 
-    rows = [{"policy": name, "is": says} for name, says in known_policies().items()]
-    rows += [
-        {"policy": f"{client(protocol).form}?profile={name}", "is": profile.about}
-        for name, profile in known_profiles().items()
-        for protocol in profile.protocols
-    ]
-    print_rows(rows, json=json, title="policies")
+    print_rows([{"policy": name, "is": says} for name, says in known_policies().items()], json=json, title="policies")
 
 
 def strategies(json: JsonFlag = False) -> None:

@@ -115,7 +115,7 @@ def _end(runs: Sequence[Done], left: str, *, fail_on_finding: bool) -> None:
             hint = "give it more --time"
             if summary.proposals:
                 checks = ", ".join(f"{check} {count}" for check, count in summary.invalid.items())
-                hint = f"no scene is fair ({checks}): narrower ranges leave room; of a file, `vlafuzz lint -v` says why"
+                hint = f"no scene is fair ({checks}): narrower ranges leave room; of a file, `vlafuzz lint` says why"
             raise UsageError(f"{of}{summary.unjudged}", hint=hint)
         if summary.short:
             then = f"then `{again}` goes on" if summary.stopped else "the same command tries them again"

@@ -150,14 +150,12 @@ def _print_summary(summary: Summary, about: str) -> None:
     """Print a run in numbers."""
     policy = f"{summary.label} ({summary.policy})" if summary.label else summary.policy
     title = f"run {summary.run}: {summary.task}, {policy}, {summary.strategy}, seed {summary.seed}"
-    again = summary.earlier if ":" in summary.policy else 0  # the user's own model, which may have changed
     lines = {
         "strategy": about,
         "policy": summary.checkup if summary.checkup != "ok" else "",
         "rollouts": f"{summary.rollouts} of {summary.budget}, in {summary.seconds:.0f} s",
         "proposals": f"{summary.proposals}, {summary.duplicates} of them answered from the store",
         "scenes": ", ".join(f"{count} {name}" for name, count in summary.verdicts.items()),
-        "by earlier runs": f"{again} scenes: if the model has changed, give another --store" * bool(again),
         "too early": told_early(summary.before_event),
         "invalid": named(f"{check} {count}" for check, count in summary.invalid.items()),
         "first error": summary.first_error,

@@ -203,18 +203,13 @@ class WriterLock:
     def __init__(self, path: Path) -> None:
         check_is_file(path)
         self._lock = _lock_of(path)
-        self._beside = Path(self._lock.lock_file)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._lock.acquire()
-            self._beside.write_text(str(os.getpid()))
         except Timeout:
-            holder = self._beside.read_text() or "another"
             hint = "wait until it ends, or give another store"
-            raise StoreError(f"{path}: process {holder} is writing to it", hint) from None
+            raise StoreError(f"{path}: another process is writing to it", hint) from None
         except OSError as error:
-            if self._lock.is_locked:
-                self.release()
             if error.errno == errno.ENOSPC:
                 raise _problem(path, "SQLITE_FULL") from None
             hint = _EXPLAINED["SQLITE_READONLY"][1]
@@ -222,5 +217,5 @@ class WriterLock:
 
     def release(self) -> None:
         # Removed before the lock is released: afterwards it may be another process's file.
-        self._beside.unlink(missing_ok=True)
+        Path(self._lock.lock_file).unlink(missing_ok=True)
         self._lock.release()

@@ -6,7 +6,6 @@ from collections.abc import Generator, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Protocol, TypedDict, TypeVar, cast
 
-from vlafuzz.common.arrays import Picture
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.model import Conditions, Outcome, Rejection, Rollout, Scene
 from vlafuzz.policies.base import ActionChunk, CameraRequest, Observation, Policy
@@ -180,14 +179,6 @@ class SceneEvaluator(ABC):
         finally:
             self.leave()
         return Outcome.of(rollouts, self._stages)
-
-    def still(self, scene: Scene) -> Picture:
-        """``(height, width, 3)``: a fair scene before anything moves, as the recording's camera shows it."""
-        assert self.recorded is not None
-        try:
-            return self.begin(scene, self.seed).picture(self.recorded.name)
-        finally:
-            self.leave()
 
     def _repeated(self, scene: Scene, seed: int) -> Asking[Rollout]:
         """A rollout, begun again at most twice if the policy's server was lost or too late."""

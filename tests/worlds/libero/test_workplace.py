@@ -42,7 +42,7 @@ def test_a_process_ends_without_a_word_after_it_has_drawn():
         "from tests.worlds.libero.test_workplace import *\n"
         "from vlafuzz.worlds.recording import Recording\n"
         "drawing = make_evaluator(Conditions(task=TASK, robot='libero'), Frozen(), recording=Recording(64))\n"
-        "drawing.still(scene())"
+        "drawing.begin(scene(), 0).picture('recording'); drawing.leave()"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (child.stdout, child.stderr) == ("", "")

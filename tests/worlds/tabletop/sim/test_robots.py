@@ -107,7 +107,7 @@ class TestExternalRobots:
     @pytest.mark.render
     def test_a_picture_shows_the_whole_view_and_the_targets(self, robot):
         evaluator = ManiSkillEvaluator(Conditions(task="pick-up"), Frozen(), CATALOGUE, recording=Recording(64))
-        seen = evaluator.still(nominal(robot))
+        seen = evaluator.begin(nominal(robot), 0).picture("recording")
         evaluator.close()
         assert seen.shape == (64, rig(robot).view.width(64), 3)
         assert seen.std() > 10
