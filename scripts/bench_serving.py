@@ -150,7 +150,7 @@ def make_evaluator(name: str, policy: Policy | None = None) -> SceneEvaluator:
 def workers(options: argparse.Namespace, name: str) -> Executor:
     """An executor with one simulator per process."""
     place = Place(workers=options.clients, executor="processes")
-    return executor_at(place, partial(make_evaluator, name), policy_at(place, name))
+    return executor_at(place, partial(make_evaluator, name), policy_at(place, name, TASK))
 
 
 def rollouts(executor: Executor, scenes: list[Scene]) -> tuple[float, list[str]]:

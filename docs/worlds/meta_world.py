@@ -1,6 +1,12 @@
-"""Meta-World's tasks with an object and a goal, and its scripted policies as experts.
+r"""Meta-World's tasks with an object and a goal, and its scripted policies as experts.
 
-In an environment of its own: ``pip install metaworld==3.1.1``, and vlafuzz with ``pip install --no-deps``.
+Meta-World needs MuJoCo 3.3.0, so it gets its own environment, without the tabletop simulator::
+
+    python -m venv .venv-metaworld && . .venv-metaworld/bin/activate
+    pip install metaworld==3.1.1 filelock packaging typer rich pydantic pyyaml scipy platformdirs jinja2 matplotlib \
+        imageio-ffmpeg opencv-python-headless
+    pip install --no-deps -e path/to/vlafuzz
+    MUJOCO_GL=egl vlafuzz run --world python:meta_world:MetaWorld:push-v3 --policy python:meta_world:push --budget 200
 """
 
 import warnings

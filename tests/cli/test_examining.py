@@ -103,7 +103,8 @@ def test_ctrl_c_leaves_what_was_found_by_then(capsys):
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
-        (["--task", "put-on"], "nothing but --json goes without --policy"),
+        (["--task", "put-on"], "--task needs --policy"),
+        (["--world", "python:tests.worlds.carts:Carts", "--n", "2", "--json"], "--n needs --policy"),
         (["--policy", "pinhol"], "unknown policy 'pinhol'"),
         (["--policy", "pinhole", "--n", "0"], "--n: expected at least 1, got 0"),
         (["--policy", "pinhole", "--task", "put_on"], "unknown task 'put_on'"),

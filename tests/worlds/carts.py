@@ -218,6 +218,13 @@ class LazyExpert(ReadBack):
         return [0.0]
 
 
+class ShortExpert(Expert):
+    """Its expert goes the other way where the mark is far."""
+
+    def solve(self, now):
+        return super().solve(now) if now.values["mark"] <= 2 else [-1.0]
+
+
 class Solved(Carts):
     """Success is said to hold from the start."""
 

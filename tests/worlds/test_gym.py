@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from gymnasium import spaces
 
 from tests.cli.typed import told, typed
+from tests.documentation import files
 from tests.worlds.carts import Cart, Carts, world
 from vlafuzz.errors import CatalogueError, PolicyError, UsageError
 from vlafuzz.model import Conditions, Outcome, Scene, Verdict
@@ -18,6 +20,7 @@ from vlafuzz.worlds.gym import GymWorld, Parameter, fitted, read_parameters
 
 CARTS = "python:tests.worlds.carts"
 EXAMPLES = Path(__file__).parents[2] / "docs" / "worlds"
+PAGE = EXAMPLES.with_suffix(".md")
 
 
 def space(of: GymWorld, *vary: str):
@@ -139,6 +142,28 @@ def test_a_value_sets_what_its_parameter_says_and_is_read_back(sets, unit, arm):
         now = world.reset(nominal | {"value": value}, 0)
     assert (now.env.arm.bodies["hand"].tolist(), now.env.arm.gravity[2]) == (arm[0], pytest.approx(arm[1]))
     assert world.applied(now) == {"value": pytest.approx(1.5)}
+
+
+def test_a_value_that_says_what_it_sets_arrives_whatever_apply_and_start_do():
+    class Own(type(armed("arm/gravity/2"))):
+        def apply(self, env, values):
+            env.wind = values["slope"]
+
+        def start(self, env, values, seed):
+            self.apply(env, values)
+            return env.reset(seed=seed, options=values)
+
+    env = Own().reset(Own().nominal_values | {"value": 1.5, "slope": 4}, 0).env
+    assert (env.arm.gravity[2], env.wind) == (1.5, 4)
+
+
+def test_the_rollout_by_hand_of_the_page_solves_the_scene(tmp_path, monkeypatch, capsys):
+    for name, content in files(PAGE).items():
+        (tmp_path / name).write_text(content)
+    monkeypatch.syspath_prepend(tmp_path)
+    (by_hand,) = re.findall(r"```python\n(from cartpole .*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    exec(by_hand, {})
+    assert capsys.readouterr().out.startswith("150 True {'length': 0.5")
 
 
 def test_a_value_that_sets_nothing_there_is_named_in_a_sentence():

@@ -17,6 +17,7 @@ MODULE = "python:tests.worlds.reacher"
 WORLD, POLICY = f"{MODULE}:Reacher", f"{MODULE}:downhill"
 NARROW = f"{MODULE}:Narrow"  # whose actions are two numbers, not seven
 TASK = f"{WORLD}/reach"
+CARTS = "python:tests.worlds.carts"
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +67,23 @@ def test_a_report_a_corpus_and_regress_work(store: Path, tmp_path: Path, capsys)
     code = main(["regress", str(tmp_path / "corpus"), "--policy", f"{MODULE}:narrow", "--trust"])
     assert code in (0, 3)  # 3: where too few controls pass for an alarm
     assert "0 worse" in capsys.readouterr().out or code == 3
+
+
+def test_the_expert_of_a_world_is_a_policy_there_wherever_one_is_named(store: Path, tmp_path: Path, capsys):
+    flags = f"run --world {NARROW} --strategy random --budget 2 --policy expert --store {tmp_path / 'e.db'} --json"
+    assert told(capsys, flags)["verdicts"]["passed"] == 2
+    assert told(capsys, f"replay {store} --trust --policy expert --json")["verdict"] == "passed"
+    assert {row["verdict"] for row in told(capsys, f"doctor --world {NARROW} --policy expert --n 2 --json")} == {"ok"}
+    lazy = f"run --world {CARTS}:Carts --policy expert --budget 2"
+    assert f"policy 'expert': {CARTS}:Carts has no expert" in typed(capsys, lazy, code=2).err
+
+
+def test_a_policy_by_the_observation_is_not_warned_of_pictures_where_a_world_has_values(tmp_path: Path, capsys):
+    run = f"run --world {NARROW} --policy {MODULE}:narrow --strategy random --budget 1 --store {tmp_path / 'n.db'}"
+    said = typed(capsys, run)
+    assert "picture" not in said.out + said.err
+    first, *_ = told(capsys, f"doctor --world {NARROW} --policy {MODULE}:narrow --n 1 --json")
+    assert (first["verdict"], first["found"]) == ("ok", "sees the observation's numbers, 10 Hz")
 
 
 def test_what_names_the_world_in_a_file_is_not_loaded_without_trust(store: Path, capsys):

@@ -98,7 +98,7 @@ def plan(config: RunConfig, policy: Policy | None = None, space: Space | None = 
     if place.kind == "processes":  # no batch bounds the workers of triage
         workers = default_workers(named.policy) if config.workers is None else config.workers
         triage_place = replace(place, workers=workers)
-    policy = policy or policy_at(place, named.policy)
+    policy = policy or policy_at(place, named.policy, task.name)
     if policy.spec.cameras and place.kind != "ray":
         world.check_pictures()
     batch = config.batch or max(batch_of(strategy), min(lanes_for(policy), OF_SERVER))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from vlafuzz.campaign.config import Plan
 from vlafuzz.common.deadline import Deadline
+from vlafuzz.common.plugins import is_reference
 from vlafuzz.common.text import duration, plural
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable
 from vlafuzz.policies.base import PolicySpec
@@ -34,9 +35,10 @@ class Speed(NamedTuple):
 
 
 def usual_speed(plan: Plan) -> Speed | None:
-    """The speed of a built-in policy, as it usually is; None for others."""
+    """The speed of a built-in policy in our worlds, as it usually is; None for others."""
     policy = plan.manifest.policy
-    return Speed(_STEP[policy] / plan.place.workers, f"at the usual speed of {policy}") if policy in _STEP else None
+    known = policy in _STEP and not is_reference(plan.manifest.task)
+    return Speed(_STEP[policy] / plan.place.workers, f"at the usual speed of {policy}") if known else None
 
 
 def at_a_time(plan: Plan) -> int:

@@ -86,7 +86,7 @@ def replay(
     else:
         if policy is None:
             check_trusted(name)
-        made = make_policy(name)
+        made = make_policy(name, scene.task)
     if must_see and not made.spec.cameras:
         made.close()
         raise UsageError(f"policy {name!r} asks for no pictures", hint="leave --seen out")

@@ -37,8 +37,9 @@ def doctor(
     flags = configured(given)
     policy, task = flags.get("policy"), flags.get("task")
     done, interrupted = list[Check](), False
-    if policy is None and (flags.keys() - {"task" if world else ""} or n is not None):
-        raise UsageError("nothing but --json goes without --policy", hint="name the policy to be checked")
+    asked = flags | {"n": n, "task": None if world else task}
+    if policy is None and (names := [name for name, value in asked.items() if value is not None]):
+        raise UsageError(f"--{names[0].replace('packs', 'pack')} needs --policy", hint="name the policy to be checked")
     with Bar() as bar:
         if policy is None and world is not None:
             checks = _checks_of(world, task)
@@ -53,12 +54,14 @@ def doctor(
             run = RunConfig(**flags | {"task": task_of(world, task)})
             checks = examine(run, 10 if n is None else n, bar)
         try:
+            bar.progress("checks", 0, None)
             for check in checks:
                 done.append(check)
                 if not json:  # at once: with a slow policy the next one may take many minutes
                     bar.clear()
                     print_lines(f"{check.verdict}: {check.check}: {'; '.join(filter(None, check[1::2]))}")
                     data().flush()
+                bar.progress("checks", len(done), None)
         except KeyboardInterrupt:
             interrupted = True
     if json and done:

@@ -101,8 +101,8 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
         print_lines(f"see number 1: {shown[0].replay}")
     print_lines(*(f"{text} {line}" for text, line in found.todo))
     if any(one.bucket == "minimal" for one in listed) and not found.todo and source.is_file():
-        policies = [run.policy for run in found.runs]
-        keep = command_line("export", source, "--minimal", "--out", "corpus", names=policies)
+        names = [name for run in found.runs for name in (run.policy, run.task)]
+        keep = command_line("export", source, "--minimal", "--out", "corpus", names=names)
         print_lines(f"keep the minimal ones as a corpus, for vlafuzz regress: {keep}")
 
 

@@ -90,7 +90,7 @@ def run_plan(
         if words := forecast.of_tasks(tasks):
             Bar.note(words)
         search = forecast.search
-    names = (plan.manifest.policy, plan.manifest.strategy)
+    names = (plan.manifest.policy, plan.manifest.strategy, plan.manifest.task)
     again = again or command("run", "--resume", "--store", plan.store, names=names)
     summary = _start(plan, search, again)
     causes, says = _causes(summary), said_by(plan.strategy, "about", "")
@@ -152,7 +152,6 @@ def _print_summary(summary: Summary, about: str) -> None:
     title = f"run {summary.run}: {summary.task}, {policy}, {summary.strategy}, seed {summary.seed}"
     lines = {
         "strategy": about,
-        "policy": summary.checkup if summary.checkup != "ok" else "",
         "rollouts": f"{summary.rollouts} of {summary.budget}, in {summary.seconds:.0f} s",
         "proposals": f"{summary.proposals}, {summary.duplicates} of them answered from the store",
         "scenes": ", ".join(f"{count} {name}" for name, count in summary.verdicts.items()),
@@ -202,11 +201,11 @@ def _next(store: Store, summary: Summary, found: CauseList | None, again: str) -
     if found and found.certify:
         return f"to certify what is left: {found.certify}"
     if summary.findings and not found:
-        triage = command("triage", summary.store, names=[summary.policy])
+        triage = command("triage", summary.store, names=[summary.policy, summary.task])
         return f"to find the causes: `{triage}`{hours(store, summary.findings)}"
     cards = max(len(found.causes) if found else 0, 1)
     page = ("--limit", cards, "--out", Path(summary.store).with_suffix(".html"))
-    report = command("report", summary.store, *page, names=[summary.policy])
+    report = command("report", summary.store, *page, names=[summary.policy, summary.task])
     return f"to see it: `{report}` (about {duration(STARTING + FILMS * cards * pace(store, 1))})"
 
 
@@ -229,7 +228,7 @@ def _foresee(plan: Plan, found: CauseList, until: Deadline) -> bool:
 def _certify(plan: Plan, summary: Summary, until: Deadline) -> bool:
     """Certify the commonest causes of a run; whether nobody interrupted it."""
     runner = partial(runner_of_run, plan.store, note=Bar.note)
-    others = command("triage", plan.store, names=[plan.manifest.policy])
+    others = command("triage", plan.store, names=[plan.manifest.policy, plan.manifest.task])
     try:
         with (
             interruptible(f"interrupted: all finished causes are stored\nhint: `{others}` goes on") as bar,

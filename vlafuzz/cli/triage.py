@@ -56,7 +56,8 @@ def command(
 
     with Store.open(store) as opened:  # to write, an empty file would be made a store
         place = place_of(workers or (1 if executor == "local" else usual_workers(opened)), executor)
-        again = command_line("triage", store, names=[run.manifest.policy for run in opened.runs()])
+        names = [name for run in opened.runs() for name in (run.manifest.policy, run.manifest.task)]
+        again = command_line("triage", store, names=names)
     allowance = Allowance(deadline=until)
     with (
         interruptible(f"interrupted: all finished failures are stored\nhint: continue with `{again}`") as bar,

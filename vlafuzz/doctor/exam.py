@@ -33,6 +33,7 @@ from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.first_use import looked_at
+from vlafuzz.worlds.values import ValuesWorld
 
 UNCHECKED = "unchecked"
 TARGETS = ("target-type", "target-position", "target-orientation")  # vary in nominal scenes
@@ -107,7 +108,7 @@ class Exam:
 
     def _probed(self, *, quick: bool) -> Iterator[Check]:
         spec, recorder = self._spec, self._recorder
-        yield verdicts.on_spec(spec, self._hz)
+        yield verdicts.on_spec(spec, self._hz, of_values=isinstance(world_of(self._manifest.task), ValuesWorld))
         yield self._observe()
         yield verdicts.on_actions(spec, self._hz, np.concatenate([moment.executed for moment in recorder.moments]))
         interview = Interview(self._policy, recorder.moments)
@@ -197,7 +198,7 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT) -> Iterator[Check]:
     """All checks of the policy that the run names, up to the first refusal, with ``n`` nominal rollouts."""
     assert run.policy
     try:
-        policy = make_policy(run.policy)
+        policy = make_policy(run.policy, run.task or "")
     except UsageError:
         raise
     except VlafuzzError as error:
@@ -206,11 +207,9 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT) -> Iterator[Check]:
     with closing(policy):
         manifest = config.plan(run, policy=policy).manifest
         most = longest(policy.spec, manifest)
-        watch.progress("checks", 0, None)
         with closing(Exam(manifest, policy, watch)) as exam:
-            for number, check in enumerate(exam.thorough(n), start=1):
+            for check in exam.thorough(n):
                 yield check
-                watch.progress("checks", number, None)
                 if check.check == "speed":
                     speed = exam.speed()
                     seconds = most * speed.step

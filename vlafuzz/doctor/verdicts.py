@@ -50,16 +50,17 @@ def judged(check: str, found: str, fault: str | None = None, **words: object) ->
     return Check(check, found, rating, f"{fault}: {advice.format(**words)}")
 
 
-def on_spec(spec: PolicySpec, hz: int) -> Check:
-    """Say what the policy asks for, and how often it acts: ``hz`` is the world's control rate."""
+def on_spec(spec: PolicySpec, hz: int, *, of_values: bool = False) -> Check:
+    """Say what the policy asks for, at a control rate ``hz``; ``of_values``: the world's scenes are values alone."""
     if guessed := [name for name, source in spec.provenance.items() if source == "default"]:
         detail = f"neither server nor options declare {' and '.join(guessed)}"
         return judged("spec", detail, "guessed", options=" and ".join(f"{name}=…" for name in guessed))
     views = [camera.name for camera in spec.cameras]
     views += ["outlines"] * spec.silhouettes + ["the simulator's state"] * spec.privileged
-    if not views:
+    views += ["the observation's numbers" if of_values else "proprioception"] * spec.state
+    if {*views} <= {"proprioception"}:
         return judged("spec", "it asks for no pictures", "it sees no picture")
-    return Check("spec", ", ".join([f"sees {', '.join(views)}", *["proprioception"] * spec.state, f"{hz} Hz"]))
+    return Check("spec", f"sees {', '.join(views)}, {hz} Hz")
 
 
 def on_break(broken: Break, *, first: bool) -> Check:

@@ -374,7 +374,7 @@ def _rank(cause: ListedCause) -> tuple[int, float, int]:
 
 def _certify(store: Store, run: Run, causes: Sequence[ListedCause]) -> str:
     left = sum(cause.bucket == "observed" and cause.scene is not None for cause in causes)
-    triage = command("triage", store.path, "--limit", left, names=[run.manifest.policy])
+    triage = command("triage", store.path, "--limit", left, names=[run.manifest.policy, run.manifest.task])
     return f"`{triage}`{hours(store, left)}" if left else ""
 
 

@@ -109,6 +109,6 @@ def _todo(store: Store, causes: Sequence[CauseList], runs: Sequence[Manifest]) -
     left = len(found - {row.key for row in store.triaged()})
     if explained or not left:
         return ()
-    triage = command("triage", store.path, names=[run.policy for run in runs])
+    triage = command("triage", store.path, names=[name for run in runs for name in (run.policy, run.task)])
     untriaged = f"{plural(left, 'finding')} {'is' if left == 1 else 'are'} not triaged yet"
     return ((f"{untriaged}. Triage confirms findings and names their causes{hours(store, left)}:", triage),)

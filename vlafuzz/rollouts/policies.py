@@ -10,7 +10,7 @@ from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.policies.base import Policy, PolicySpec
 from vlafuzz.policies.clients.servers import SERVERS, address_of, client, client_of
 from vlafuzz.policies.controls import Frozen, Random
-from vlafuzz.worlds import known_worlds
+from vlafuzz.worlds import known_worlds, world_of
 
 Factory = Callable[..., Policy]
 CONTROLS: dict[str, Factory] = {"random": Random, "frozen": Frozen}
@@ -61,9 +61,15 @@ def is_shared(name: str) -> bool:
     return bool(getattr(factory, "shared", False))
 
 
-def make_policy(name: str) -> Policy:
-    """The policy of that name; a UsageError if there is none, a PrerequisiteError if no server answers or it raises."""
+def make_policy(name: str, task: str = "") -> Policy:
+    """The policy of that name in a task; a UsageError if there is none, a PrerequisiteError if it does not answer."""
     check_policy_name(name)
+    if world := experts_world(name, task):
+        if expert := world_of(task).solvers().get("expert"):
+            return expert
+        raise UsageError(
+            f"policy {name!r}: {world} has no expert", hint="define its solve(now), or name a policy of yours"
+        )
     if kind := client_of(name):
         return kind(address_of(name))
     if make := _built_in(name):
@@ -73,6 +79,12 @@ def make_policy(name: str) -> Policy:
         message = f"{name!r} made a {type(policy).__name__}, which has no spec"
         raise UsageError(message, hint="see vlafuzz.policies.base.Policy")
     return cast(Policy, policy)
+
+
+def experts_world(name: str, task: str) -> str:
+    """The reference of the user's own world whose expert a policy's name means in a task; empty for other policies."""
+    world = task.rpartition("/")[0]
+    return world if name == "expert" and is_reference(world) else ""
 
 
 def _built_in(name: str) -> Callable[[], Policy] | None:

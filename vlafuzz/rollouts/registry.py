@@ -71,11 +71,11 @@ def lanes_at(place: Place, policy: Policy) -> int:
     return lanes_for(policy) if place.kind == "local" else 1
 
 
-def policy_at(place: Place, name: str) -> Policy:
-    """The policy of that name, or its stand-in when workers share it."""
+def policy_at(place: Place, name: str, task: str) -> Policy:
+    """The policy of that name in a task, or its stand-in when workers share it."""
     if place.kind != "local" and is_shared(name):
         return share(name, everywhere=place.kind == "ray")
-    return make_policy(name)
+    return make_policy(name, task)
 
 
 def executor_at(place: Place, make: Callable[..., SceneEvaluator], policy: Policy) -> Executor:

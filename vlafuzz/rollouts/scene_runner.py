@@ -74,7 +74,7 @@ class SimulatorSceneRunner:
         self.space = world_of(conditions.task).stored_space(source, conditions)
         self.stages = self.space.task.stage_names
         name = policy if isinstance(policy, str) else conditions.policy
-        self._policy = make_policy(name) if policy is None or isinstance(policy, str) else policy
+        self._policy = make_policy(name, conditions.task) if policy is None or isinstance(policy, str) else policy
         self._conditions = conditions
         self._world = world_of(conditions.task)
         self._solvers = self._world.solvers()

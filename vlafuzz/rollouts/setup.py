@@ -6,7 +6,7 @@ from vlafuzz.common.plugins import source_digest
 from vlafuzz.errors import UsageError
 from vlafuzz.model import Conditions, Space
 from vlafuzz.policies.base import Policy
-from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.rollouts.policies import experts_world, make_policy
 from vlafuzz.worlds import provenance, world_of
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.recording import Recording
@@ -25,11 +25,11 @@ def make_evaluator(
     By default the policy is the one that the conditions name, made anew. ``space``: of the scenes, if it is there
     already. ``checked``: whether validity is checked before a rollout.
     """
-    made, world = policy or make_policy(conditions.policy), world_of(conditions.task)
+    made, world = policy or make_policy(conditions.policy, conditions.task), world_of(conditions.task)
     width, wanted = made.spec.action.width, world.action_width
     if width != wanted:
         problem = f"policy {made.spec.name!r} acts by {width} numbers, {conditions.task} takes {wanted}"
-        raise UsageError(problem, hint="ActionSpec(width=…) of its spec says how many they are")
+        raise UsageError(problem, hint=f"a policy of this world says so in its spec: ActionSpec(width={wanted})")
     return world.evaluator(conditions, made, space, recording=recording, checked=checked)
 
 
@@ -38,7 +38,7 @@ def here(name: str, policy: Policy, space: Space, *, workers: bool = False) -> d
     world = world_of(space.task.name)
     installed = {
         "spec": provenance.described(policy.spec),
-        "source": source_digest(name, policy),
+        "source": source_digest(experts_world(name, space.task.name) or name, policy),
         "commit": provenance.commit(),
         "place": provenance.here(name, policy.spec, world.renderer, workers=workers),
     }

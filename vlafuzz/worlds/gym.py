@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Self
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
@@ -76,14 +76,11 @@ class GymWorld(ValuesWorld[Now]):
         raise UsageError(f"{type(self).__name__} makes no environment", hint="define make(task)")
 
     def apply(self, env: Env, values: Mapping[str, Value]) -> None:
-        """Set the values in an environment before its reset, which also gets them as ``options``.
+        """Set the values without ``sets`` in an environment before its reset, which also gets all as ``options``.
 
-        By default each parameter sets what its ``sets`` say, by attributes, indices and names: ``model/body/cube/mass``
-        is ``model.body("cube").mass``. With the unit × it multiplies what the environment had when it was made.
+        Those with ``sets`` are set before, by attributes, indices and names: ``model/body/cube/mass`` is
+        ``model.body("cube").mass``. With the unit × they multiply what the environment had when it was made.
         """
-        for one in self.parameters:
-            for path in one.sets:
-                _write(env, path, values[one.name] * self._usual[path] if one.unit == "×" else values[one.name])
 
     def start(self, env: Env, values: Mapping[str, Value], seed: int) -> tuple[Any, Mapping[str, Any]]:
         """Reset an environment to a scene, as ``env.reset`` does; here is what has to be set after it."""
@@ -186,6 +183,9 @@ class GymWorld(ValuesWorld[Now]):
 
     def reset(self, values: Mapping[str, Value], seed: int) -> Now:
         env = self._ready()
+        for one in self.parameters:  # here, so that no override of apply or start can leave it out
+            for path in one.sets:
+                _write(env, path, values[one.name] * self._usual[path] if one.unit == "×" else values[one.name])
         return Now(env, self._name, values, seed, *self.start(env, values, seed))
 
     def own_start(self, seed: int) -> Now | None:
@@ -194,8 +194,8 @@ class GymWorld(ValuesWorld[Now]):
         env = self._ready()
         return Now(env, self._name, {}, seed, *env.reset(seed=seed))
 
-    def step(self, state: Now, action: Array) -> Now:
-        fitting = fitted(self.space_of_actions, action)
+    def step(self, state: Now, action: ArrayLike) -> Now:
+        fitting = fitted(self.space_of_actions, np.asarray(action))
         observation, reward, terminated, truncated, info = state.env.step(fitting)
         steps = state.steps + 1
         return Now(*state[:4], observation, info, float(reward), bool(terminated), bool(truncated), steps)

@@ -3,28 +3,30 @@
 import math
 import random
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations, pairwise
+from itertools import chain, combinations, pairwise, takewhile, zip_longest
 from multiprocessing import get_context
 from typing import Any, Self
 
 import numpy as np
 
 from vlafuzz.common.check import Check
+from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.plugins import make_of
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
-from vlafuzz.model import Monitor
-from vlafuzz.policies.base import Observation
+from vlafuzz.model import Conditions, Outcome, Scene, Verdict
 from vlafuzz.worlds.base import World
 from vlafuzz.worlds.parameters import Parameter, Value
-from vlafuzz.worlds.values import ValuesWorld
+from vlafuzz.worlds.values import ROBOT, ValuesWorld
 
 STEPS = 40  # of a rollout with random actions, at most
 SIMULATORS = 8  # that the brief checks make
+SCENES, SECONDS, MOST = 20, 30.0, 3 / 4  # random scenes of the expert, until when one begins, the share to solve
+FEW = 3  # scenes that it does not solve, below which one value of ten often tells them apart by chance
 PLACES = 9  # values of a range that are tried, evenly spaced
 SEED = 7
 BEFORE_ALL = ("world", "resets", "steps", "repeats")  # checks without which the others mean nothing
@@ -45,15 +47,12 @@ class Trace:
 
     def differs(self, other: Self) -> int | None:
         """The first step after which it is not as the other, 0 for the reset; None if there is none."""
-        pairs = enumerate(zip(self.states, other.states, strict=False))
-        first = next((step for step, (mine, theirs) in pairs if mine != theirs), None)
-        if first is None and len(self.states) != len(other.states):
-            return min(len(self.states), len(other.states))
-        return first
+        pairs = enumerate(zip_longest(self.states, other.states))
+        return next((step for step, (mine, theirs) in pairs if mine != theirs), None)
 
 
 def examine(world: World, task: str, reference: str = "", *, brief: bool = False) -> Iterator[Check]:
-    """Check a world of values in one task, up to the first finding after which others would mean nothing.
+    """Check a world of values in one task, up to a finding after which others mean nothing: a last row names these.
 
     Args:
         reference: ``python:module:factory`` of the world, for a process of its own; empty to do without.
@@ -64,7 +63,8 @@ def examine(world: World, task: str, reference: str = "", *, brief: bool = False
     exam = _Exam(world, task, reference, brief=brief)
     first = (exam.resets, exam.steps, exam.repeats, *([exam.processes] if reference else []))
     others = () if brief else (exam.values, exam.effects)
-    for check in (*first, *others, exam.nominal, exam.start, exam.expert, exam.pictures):
+    checks = (*first, *others, exam.nominal, exam.start, exam.expert, exam.pictures)
+    for number, check in enumerate(checks, start=1):
         try:
             finding = check()
         except VlafuzzError as error:
@@ -75,13 +75,15 @@ def examine(world: World, task: str, reference: str = "", *, brief: bool = False
             finding = Check("world", found, "refuse", f"mend {frame.filename}, line {frame.lineno}")
         yield finding
         if finding.verdict == "refuse" and finding.check in BEFORE_ALL:
+            if left := ", ".join(other.__name__ for other in checks[number:]):
+                yield Check("not checked", left, "warn", "mend what is refused first")
             return
 
 
 class _Exam:
     def __init__(self, world: ValuesWorld[Any], task: str, reference: str = "", *, brief: bool = False) -> None:
         self.world, self.task, self.reference, self.brief = world, task, reference, brief
-        self.nominal_values: dict[str, Value] = {one.name: one.told(one.number(None)) for one in world.parameters}
+        self.nominal_values = world.nominal_values
         self._tried: dict[str, list[tuple[Value, Trace]]] = {}
 
     @cached_property
@@ -206,10 +208,20 @@ class _Exam:
     def expert(self) -> Check:
         if self.world.expert() is None:
             return Check("expert", "the world has none")
-        if self._shown(self.nominal_values)[1]:
+        space, until = self.world.space(self.task, ROBOT), Deadline(SECONDS)
+        drawn = (space.sample(np.random.default_rng([SEED, number])) for number in range(SCENES))
+        shown = self._shown(chain([space.nominal()], takewhile(lambda _: not until.passed, drawn)))
+        if next(shown)[1].verdict is not Verdict.PASSED:
+            follows = "no failure would be certified: mend solve or success, or raise horizon"
+            return Check("expert", "it does not solve the nominal scene", "warn", follows)
+        if self.brief:
             return Check("expert", "it solves the nominal scene")
-        follows = "no failure would be certified: mend solve or success, or raise horizon"
-        return Check("expert", "it does not solve the nominal scene", "warn", follows)
+        tried = [(dict(scene.values), outcome.verdict is Verdict.PASSED) for scene, outcome in shown]
+        solved = sum(success for _, success in tried)
+        apart = _apart(self.world.parameters, tried) if FEW <= len(tried) - solved < len(tried) else ""
+        found = f"it solves the nominal scene, and {solved} of {len(tried)} random scenes{apart}"
+        few = solved < MOST * len(tried)
+        return Check("expert", found, *(("warn", "narrow the range, or improve solve") if few else ()))
 
     def pictures(self) -> Check:
         world = self._opened()
@@ -289,25 +301,21 @@ class _Exam:
         (first, mine), (second, theirs) = pair
         if mine.differs(theirs) is not None or mine.picture != theirs.picture:
             return True
-        usual = self.nominal_values
-        return self._shown(usual | {one.name: first})[0] != self._shown(usual | {one.name: second})[0]
+        scenes = [self.world.scene(self.task, self.nominal_values | {one.name: value}) for value in (first, second)]
+        return len({outcome.rollouts[0].states_hash for _, outcome in self._shown(scenes)}) > 1
 
-    def _shown(self, values: Values) -> tuple[list[bytes], bool]:
-        """The states of a rollout of the expert, and whether it succeeds; without an expert there are none."""
-        expert, monitor, states = self.world.expert(), Monitor(tuple(self.world.stages)), list[bytes]()
+    def _shown(self, scenes: Iterable[Scene]) -> Iterator[tuple[Scene, Outcome]]:
+        """Roll out the expert in scenes; where there is none, in none."""
+        expert, space = self.world.expert(), self.world.space(self.task, ROBOT)
         if expert is None:
-            return [], False
-        with closing(self._opened()) as world:
-            state = world.reset(dict(values), SEED)
-            while len(states) < world.horizon and not world.ended(state):
-                seen = np.asarray(world.observe(state), dtype=np.float32)
-                asked = Observation("exam", len(states), "", state=seen, privileged=state)
-                for action in expert.act([asked])[0].actions:
-                    if not world.ended(state):
-                        state = world.step(state, action)
-                        states.append(world.fingerprint(state))
-                        monitor.observe(state)
-        return states, monitor.success_once
+            return
+        conditions = Conditions(task=self.task, policy="expert", seed=SEED, **space.conditions)
+        with closing(self.world.evaluator(conditions, expert, space, checked=False)) as evaluator:
+            for scene in scenes:
+                (outcome,) = evaluator.evaluate([scene])
+                if outcome.verdict is Verdict.ERROR:
+                    raise UsageError(f"in a rollout of the expert: {outcome.detail}", hint="mend solve")
+                yield scene, outcome
 
     def _far(self) -> dict[str, Value]:
         """A fair scene in which as much as possible is not nominal."""
@@ -346,6 +354,21 @@ def _drawn(world: ValuesWorld[Any], state: Any) -> bytes:
     except Exception:
         return b""
     return b"" if picture is None else np.ascontiguousarray(picture).tobytes()
+
+
+def _apart(parameters: Sequence[Parameter], tried: Sequence[tuple[Values, bool]]) -> str:
+    """What the scenes that were not solved have in common, where exactly one value tells them from the others."""
+    found = list[str]()
+    for one in parameters:
+        lost = [one.number(values[one.name]) for values, success in tried if not success]
+        solved = [one.number(values[one.name]) for values, success in tried if success]
+        if one.options:
+            found += [f"{one.name} {one.told(lost[0])}"] if {*lost} == {lost[0]} and lost[0] not in solved else []
+        elif max(lost) < min(solved):
+            found.append(f"{one.name} below {_said(one, min(solved))}")
+        elif min(lost) > max(solved):
+            found.append(f"{one.name} above {_said(one, max(solved))}")
+    return f"; not those with {found[0]}" if len(found) == 1 else ""
 
 
 def _equal(value: Value, has: Value) -> bool:

@@ -239,6 +239,11 @@ class ValuesWorld(World, Generic[State]):
     def named(self) -> dict[str, Parameter]:
         return {one.name: one for one in self.parameters}
 
+    @property
+    def nominal_values(self) -> dict[str, Value]:
+        """The values of the nominal scene, by name."""
+        return {one.name: one.told(one.number(None)) for one in self.parameters}
+
     def scene(self, task: str, values: Mapping[str, Value]) -> Scene:
         """The scene of a task with these values."""
         told = tuple(sorted(values.items()))
