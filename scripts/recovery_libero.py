@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from make_libero_demos import QUALITIES, ROBOT, SEEDS, drawn
+from make_libero_demos import ROBOT, SEEDS, drawn
 from repair.steps import SCRIPTS, call, once, side_by_side, train
 
 from vlafuzz.common.statistics import Share
@@ -67,7 +67,7 @@ class Judging:
     def run(self) -> list[Judged]:
         operators = load_operators(str(SCRIPTS / "demos-libero.yaml"))
         space = LiberoSpace(operators.only([*operators.varied, *EVENTS[self.kind]]), self.task, ROBOT)
-        conditions = Conditions(task=self.task, robot=ROBOT, world={QUALITY.name: QUALITIES[0]}, stop_early=True)
+        conditions = Conditions(task=self.task, robot=ROBOT, world={QUALITY.name: "fast"}, stop_early=True)
         evaluator = LiberoEvaluator(conditions, Mini(self.weights))
         rows: list[Judged] = []
         for seed in range(JUDGED, JUDGED + DRAWS * self.scenes):
