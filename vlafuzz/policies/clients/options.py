@@ -52,6 +52,15 @@ def _signed(scale: float) -> float:
     return scale
 
 
+def _benchmark(name: str) -> str:
+    """One of vla-eval's benchmarks that a profile names."""
+    declared = (profile.protocols.get("vla-eval", {}) for profile in known_profiles().values())
+    known = {str(options["benchmark"]) for options in declared if "benchmark" in options}
+    if name not in known:
+        raise ValueError(f"expected {', '.join(known)}, got {name!r}")
+    return name
+
+
 # Layouts of proprioception by vla-eval's names, see ``conventions.LAYOUTS``.
 _Layout = Literal[
     "eef_pos3_axisangle3_gripper1",
@@ -121,7 +130,7 @@ class VlaEvalOptions(CommonOptions):
     protocol: ClassVar[str] = "vla-eval"
 
     state: State | None = None
-    benchmark: Literal["libero"] | None = None
+    benchmark: Annotated[str, AfterValidator(_benchmark)] | None = None
     action: Literal["eef_delta"] = "eef_delta"
     frame: Literal["base"] = "base"
     rotation: Rotation | None = None
