@@ -48,13 +48,17 @@ class Monitor:
 
     def observe(self, situation: Any) -> None:
         """Take notice of the situation after a control step."""
-        for index, stage in enumerate(self.stages):
-            self._streaks[index] = self._streaks[index] + 1 if stage.holds(situation) else 0
-        if self.success_now:
-            self.reached = [stage.name for stage in self.stages]
-        while (done := len(self.reached)) < len(self.stages) - 1 and self._streaks[done] >= self.stages[done].steps:
-            self.reached.append(self.stages[done].name)
-        self._trace.append(float(self._progress(situation)))
+        stages, streaks, progress = self.stages, self._streaks, 1.0
+        for index, stage in enumerate(stages):
+            streaks[index] = streaks[index] + 1 if stage.holds(situation) else 0
+        if streaks[-1] >= stages[-1].steps:
+            self.reached = [stage.name for stage in stages]
+        while (done := len(self.reached)) < len(stages) - 1 and streaks[done] >= stages[done].steps:
+            self.reached.append(stages[done].name)
+        if done < len(stages):
+            nearness = max(stages[done].nearness(situation), streaks[done] / stages[done].steps, 0.0)
+            progress = (done + min(nearness, 0.99)) / len(stages)
+        self._trace.append(float(progress))
 
     def cancel(self, stages: tuple[Stage, ...]) -> None:
         """Success is something else from now on; the other stages stay as they are."""
@@ -83,10 +87,3 @@ class Monitor:
     def trace(self) -> NDArray[np.float32]:
         """``(steps,)`` progress after each step."""
         return np.array(self._trace, dtype=np.float32)
-
-    def _progress(self, situation: Any) -> float:
-        stages, done = self.stages, len(self.reached)
-        if done == len(stages):
-            return 1.0
-        streak = self._streaks[done] / stages[done].steps
-        return (done + min(max(stages[done].nearness(situation), streak, 0.0), 0.99)) / len(stages)

@@ -185,7 +185,7 @@ class Outlines:
     table: Array
 
 
-@dataclass(eq=False)  # not frozen, since one is made at each step, in a third of the time
+@dataclass(eq=False, slots=True)  # not frozen, since one is made at each step, in a third of the time
 class Observation:
     """What the policy observes at a control step; fields that its spec does not ask for are empty.
 
@@ -206,7 +206,7 @@ class Observation:
     calibration: Any = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)  # not frozen, as above
 class ActionChunk:
     """``actions``: float ``(steps, 7)``, in units, and of the width, that the ``ActionSpec`` says."""
 

@@ -2,9 +2,9 @@
 
 import sys
 import weakref
-from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from math import hypot
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class Harness:
 
     def __init__(self, policy: Policy, start: EpisodeStart) -> None:
         self._policy, self._spec = policy, policy.spec
-        self._queue: deque[Array] = deque()
+        self._actions, self._next = np.empty((0, self._spec.action.width)), 0
         self._gripper = GripperCommand(self._spec.action)
         with blamed_on(self._spec.name):
             policy.reset([start])
@@ -35,15 +35,16 @@ class Harness:
     @property
     def empty(self) -> bool:
         """Whether the last chunk is used up, so that the policy must act next."""
-        return not self._queue
+        return self._next == len(self._actions)
 
     def accept(self, chunk: ActionChunk) -> None:
-        """Queue the policy's answer, which ``ask`` or ``BatchingPolicy`` has checked."""
-        self._queue.extend(chunk.actions[: self._spec.execute])
+        """Take the policy's answer, which ``ask`` or ``BatchingPolicy`` has checked."""
+        self._actions, self._next = chunk.actions[: self._spec.execute], 0
 
     def next_action(self) -> Array:
         """The next action: ``(7,)`` metres, radians, -1 or 1 for the gripper; of another width as it is."""
-        action, spec = self._queue.popleft(), self._spec.action
+        action, spec = self._actions[self._next], self._spec.action
+        self._next += 1
         if spec.width != WIDTH:
             return action
         with np.errstate(over="ignore"):
@@ -162,20 +163,19 @@ def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str, width:
     if len(chunks) != expected:
         message = f"{name}: {expected} observations, {len(chunks)} chunks of actions"
         raise PolicyError(message, "answer every observation with one chunk", "bad_action")
-    return [_check(chunk, name, width) for chunk in chunks]
-
-
-def _check(chunk: ActionChunk, name: str, width: int) -> ActionChunk:
-    given = np.asarray(getattr(chunk, "actions", chunk))
-    if given.dtype.kind in _NOT_REAL:
-        raise PolicyError(f"{name}: actions are {given.dtype.name}, not real numbers", cause="bad_action")
-    actions = given.astype(np.float64)
-    if actions.ndim != 2 or actions.shape[1] != width or len(actions) == 0:
-        message = f"{name}: actions of shape {actions.shape}"
-        raise PolicyError(message, f"expected (steps, {width}), at least one step", "bad_action")
-    if not np.vdot(actions, actions) <= _LARGEST**2:  # a quick look, since each step counts
-        _check_finite(actions, name)
-    return ActionChunk(actions)
+    checked = list[ActionChunk]()
+    for chunk in chunks:
+        given = np.asarray(getattr(chunk, "actions", chunk))
+        if given.dtype.kind in _NOT_REAL:
+            raise PolicyError(f"{name}: actions are {given.dtype.name}, not real numbers", cause="bad_action")
+        actions, shape = given.astype(np.float64), given.shape  # a copy, since a policy may use its array again
+        if len(shape) != 2 or shape[1] != width or shape[0] == 0:
+            message = f"{name}: actions of shape {shape}"
+            raise PolicyError(message, f"expected (steps, {width}), at least one step", "bad_action")
+        if not hypot(*actions.ravel().tolist()) <= _LARGEST:  # a quick look, since each step counts
+            _check_finite(actions, name)
+        checked.append(ActionChunk(actions))
+    return checked
 
 
 def _check_finite(actions: Array, name: str) -> None:

@@ -65,7 +65,7 @@ class Episode(ABC):
         horizon: control steps after which a rollout without success ends.
 
     Attributes:
-        actions: so far, ``(7,)`` each, metric.
+        actions: so far, ``(7,)`` each, metric. over: whether no other follows.
         monitor: of its stages.
         states_hash: of all states so far, bit by bit; a subclass makes and updates it.
     """
@@ -79,10 +79,7 @@ class Episode(ABC):
         self._after = 0 if conditions.stop_early else AFTER_SUCCESS
         self.start = EpisodeStart(f"{scene.digest}-{seed}", scene.instruction, scene.task, seed, scene.robot)
         self.actions: list[Array] = []
-
-    @property
-    def over(self) -> bool:
-        return len(self.actions) >= self._last
+        self.over = horizon <= 0
 
     @abstractmethod
     def observe(self) -> Observation:
@@ -107,6 +104,7 @@ class Episode(ABC):
         self._execute(action)
         if len(self.monitor.reached) > before and self.monitor.success_once:
             self._last = min(self._last, len(self.actions) + self._after)
+        self.over = len(self.actions) >= self._last
 
     def rollout(self, seconds: float = 0.0) -> Rollout:
         """The result of a rollout that took so many seconds."""

@@ -9,7 +9,7 @@ from functools import cached_property, partial
 from importlib import metadata
 from math import prod
 from operator import le
-from struct import pack
+from struct import Struct
 from typing import Any, NamedTuple, Self
 
 import gymnasium
@@ -28,6 +28,7 @@ from vlafuzz.worlds.values import ValuesWorld
 
 Env = gymnasium.Env[Any, Any]
 SUCCESS = ("success", "is_success")  # keys of an info, by convention
+_TWO = Struct("dd")  # reward and end
 _TRUTHS = (bool, float, np.bool_)  # that need no look at several
 
 
@@ -202,12 +203,14 @@ class GymWorld(ValuesWorld[Now]):
 
     def observe(self, state: Now) -> Array:
         """All numbers of the observation, pictures left out."""
-        numbers = [part.ravel() for part in _leaves(state.observation) if part.ndim < 2 or part.dtype != np.uint8]
+        if type(seen := state.observation) is np.ndarray and seen.ndim == 1:
+            return seen
+        numbers = [part.ravel() for part in _leaves(seen) if part.ndim < 2 or part.dtype != np.uint8]
         return numbers[0] if len(numbers) == 1 else np.concatenate([np.zeros(0), *numbers])
 
     def fingerprint(self, state: Now) -> bytes:
-        seen = b"".join([part.tobytes() for part in _leaves(state.observation)])
-        return seen + pack("dd", state.reward, state.terminated)
+        seen = map(np.ndarray.tobytes, _leaves(state.observation))
+        return b"".join([*seen, _TWO.pack(state.reward, state.terminated)])
 
     def ended(self, state: Now) -> bool:
         return state.terminated or state.truncated
@@ -287,10 +290,10 @@ def _write(env: Env, path: str, value: Any) -> None:
 
 def fitted(space: spaces.Space[Any], action: Array) -> Any:
     """An action in its space; a PolicyError says in a sentence why it does not fit."""
-    if type(space) is spaces.Box and action.shape == space.shape:  # most are, and each step counts
+    if type(space) is spaces.Box and action.shape == space.low.shape:  # most are, and each step counts
         fitting = action.astype(space.dtype)
-        numbers = fitting.ravel().tolist()  # of so few, Python compares them faster than NumPy
-        if all(map(le, space.low.ravel().tolist(), numbers)) and all(map(le, numbers, space.high.ravel().tolist())):
+        numbers = fitting.tolist()  # of so few, Python compares them faster than NumPy
+        if all(map(le, space.low.tolist(), numbers)) and all(map(le, numbers, space.high.tolist())):
             return fitting
     size = prod(space.shape or ())
     if action.size == WIDTH + 1 == size + 1:
@@ -321,20 +324,19 @@ class GymPolicy:
                 self._begin(episode.seed)
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [_chunk(self._world, self._act(seen.privileged)) for seen in observations]
+        world, chunks = self._world, list[ActionChunk]()
+        for seen in observations:
+            given = np.asarray(self._act(seen.privileged))
+            several = given.ndim > len(world.space_of_actions.shape or ())
+            rows = given.reshape(len(given) if several else 1, -1)
+            if world.action_width - 1 == WIDTH == rows.shape[1]:
+                rows = np.pad(rows, ((0, 0), (0, 1)))
+            chunks.append(ActionChunk(rows))
+        return chunks
 
     def close(self) -> None:
         """Close the environment by which the action space was read."""
         self._world.close()
-
-
-def _chunk(world: GymWorld, answer: Any) -> ActionChunk:
-    """A chunk of one action, or of several, one after the other, with ``action_width`` numbers each."""
-    given, space = np.asarray(answer, dtype=np.float64), world.space_of_actions
-    rows = given.reshape(len(given), -1) if given.ndim > len(space.shape or ()) else given.reshape(1, -1)
-    if rows.shape[1] == WIDTH == world.action_width - 1:
-        rows = np.pad(rows, ((0, 0), (0, 1)))
-    return ActionChunk(rows)
 
 
 def _leaves(observation: Any) -> list[NDArray[Any]]:

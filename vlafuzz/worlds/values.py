@@ -97,12 +97,8 @@ class ValuesEpisode(Episode):
     ) -> None:
         self._world, self._state, self._cameras = world, world.reset(world.values_in(scene), seed), cameras
         self.states_hash = hashlib.blake2b(digest_size=16)
-        monitor = Monitor(tuple(world.stages))
-        super().__init__(scene, seed, conditions, monitor, hz=world.control_hz, horizon=world.horizon)
-
-    @property
-    def over(self) -> bool:
-        return super().over or self._world.ended(self._state)
+        monitor, horizon = Monitor(tuple(world.stages)), 0 if world.ended(self._state) else world.horizon
+        super().__init__(scene, seed, conditions, monitor, hz=world.control_hz, horizon=horizon)
 
     def observe(self) -> Observation:
         return Observation(
@@ -121,9 +117,12 @@ class ValuesEpisode(Episode):
         return drawn
 
     def _execute(self, action: Array) -> None:
-        self._state = self._world.step(self._state, action)
-        self.states_hash.update(self._world.fingerprint(self._state))
-        self.monitor.observe(self._state)
+        world = self._world
+        self._state = state = world.step(self._state, action)
+        self.states_hash.update(world.fingerprint(state))
+        self.monitor.observe(state)
+        if world.ended(state):
+            self._last = len(self.actions)
 
 
 class ValuesEvaluator(SceneEvaluator):
