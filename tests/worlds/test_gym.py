@@ -220,22 +220,14 @@ def read(tmp_path):
     return read
 
 
-def test_a_file_says_kinds_units_and_groups(read):
+def test_a_file_says_kinds_units_groups_and_what_a_value_sets(read):
     length, boxes, floor, heading, *_ = read(FILE)
     assert (length.step, length.says) == (0.02, "how long it is")
     assert (boxes.step, boxes.told(2.0), isinstance(boxes.told(2.0), int)) == (1, 2, True)
     assert (floor.options, heading.gene.kind, heading.gene.grid.wraps) == (("wood", "ice"), "angle", True)
     assert (amount("values.length", 0.5), amount("values.heading", 30)) == ("0.5 m", "30°")
-
-
-def test_a_file_says_what_a_value_sets_in_one_place_or_in_several(read):
     one, two = read("one: {range: [0, 1], nominal: 0, sets: g}\ntwo: {range: [0, 1], nominal: 0, sets: [m, l]}")
     assert (one.sets, two.sets) == (("g",), ("m", "l"))
-
-
-def test_a_value_that_sets_nothing_is_stored_as_before(filed):
-    assert "sets" not in space(filed).operators.to_json()
-    assert '"sets": ["arm/gravity/2"]' in space(armed("arm/gravity/2")).operators.to_json()
 
 
 @pytest.fixture
@@ -251,13 +243,10 @@ def test_parameters_of_a_group_vary_and_are_reset_together(filed):
     assert space(filed).reset(drawn, ["place"]) == space(filed).nominal()
 
 
-def test_whole_numbers_of_a_stored_scene_are_whole_again(filed):
+def test_whole_numbers_are_whole_again_in_a_stored_scene_and_stay_whole_near_one(filed):
     stored = Scene.from_json(space(filed).nominal().to_json())
     assert repr(filed.values_in(stored)["boxes"]) == "1"
     assert filed.values_in(stored) == dict(stored.values)
-
-
-def test_whole_numbers_stay_whole_in_the_neighbourhood_of_a_scene(filed):
     near = dict(space(filed).jittered(space(filed).nominal(), 1).values)
     assert near["boxes"] == 1
     assert 0 < abs(near["length"] - 0.5) < 0.01
@@ -283,6 +272,7 @@ def test_what_is_wrong_in_a_file_is_named_with_the_key(read, text, words):
 def test_ranges_that_say_nothing_new_are_stored_as_they_always_were():
     stored = json.loads(space(Carts(), "mass").conditions["operators"])
     assert sorted(stored["operators"]["floor"]) == ["high", "low", "name", "nominal", "options", "says", "step"]
+    assert '"sets": ["arm/gravity/2"]' in space(armed("arm/gravity/2")).operators.to_json()
     assert Parameter("mass", 0, 1).operator == "mass"
 
 
@@ -326,3 +316,16 @@ def test_the_expert_of_an_example_solves_its_nominal_scenes(package, name, kind,
             solved = solved + 1 if opened.stages[-1].holds(now) else 0
         opened.close()
         assert solved == opened.stages[-1].steps, task
+
+
+@pytest.mark.render
+def test_size_light_and_camera_of_maniskill_are_seen():
+    pytest.importorskip("mani_skill")
+    world = example("maniskill").Drawn().opened("stack-cube")
+    nominal = dict(space(world).nominal().values)
+    usual, again = (world.picture(world.reset(nominal, 0)) for _ in range(2))
+    assert np.array_equal(usual, again)
+    for name in ("size", "light", "camera-left", "camera-up", "camera-pitch", "camera-yaw"):
+        shown = world.picture(world.reset(nominal | {name: world.named[name].high}, 0))
+        assert (shown != usual).any(), name
+    world.close()
