@@ -43,8 +43,8 @@ class Harness:
 
     def next_action(self) -> Array:
         """The next action: ``(7,)`` metres, radians, -1 or 1 for the gripper; of another width as it is."""
-        action, spec = self._actions[self._next], self._spec.action
-        self._next += 1
+        action: Array = self._actions[self._next]
+        spec, self._next = self._spec.action, self._next + 1
         if spec.width != WIDTH:
             return action
         with np.errstate(over="ignore"):
