@@ -5,7 +5,6 @@ import re
 import pytest
 
 from tests.documentation import text
-from vlafuzz.cli import main
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest
 from vlafuzz.policies.clients.groot import GrootOptions
@@ -70,13 +69,6 @@ class TestKnown:
         options = act("profile=bridge")
         assert Model("it", options).spec.action == ActionSpec(rotation="rpy", gripper="open_01")
         assert options.unnorm_key == "bridge_orig"
-
-    def test_they_are_listed_with_the_protocols(self, capsys):
-        assert main(["list", "policies", "--json"]) == 0
-        listed = capsys.readouterr().out
-        for name, profile in known_profiles().items():
-            for protocol in profile.protocols:
-                assert f'"{client(protocol).form}?profile={name}"' in listed
 
 
 class TestOwn:
