@@ -12,10 +12,11 @@ from gymnasium import spaces
 
 from tests.cli.typed import told, typed
 from tests.documentation import files
-from tests.worlds.carts import Cart, Carts, world
+from tests.worlds.carts import Cart, Carts, Expert, world
 from vlafuzz.errors import CatalogueError, PolicyError, UsageError
 from vlafuzz.model import Conditions, Outcome, Scene, Verdict
 from vlafuzz.model.scene import amount
+from vlafuzz.policies.base import Observation
 from vlafuzz.worlds.gym import GymWorld, Parameter, fitted, read_parameters
 
 CARTS = "python:tests.worlds.carts"
@@ -329,3 +330,22 @@ def test_size_light_and_camera_of_maniskill_are_seen():
         shown = world.picture(world.reset(nominal | {name: world.named[name].high}, 0))
         assert (shown != usual).any(), name
     world.close()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_act_learns_what_the_expert_does_and_acts_by_what_was_saved(tmp_path, monkeypatch):
+    pytest.importorskip("lerobot")
+    monkeypatch.setenv("ACT_FOLDER", str(tmp_path / "policy"))
+    act, of = example("act"), Expert()
+    shown = [*act.demonstrations(of, "reach", 4, ["mark"])]
+    act.train(shown, act.FOLDER, 60)
+    policy, (seen, chunks, padding) = act.Act(), shown[0]
+    assert [padding[0].sum(), padding[-1].sum()] == [0, act.CHUNK - 1]
+    answers = policy.act([Observation("it", step, "", state=state) for step, state in enumerate(seen)])
+    wrong = np.abs([answer.actions for answer in answers] - chunks)[~padding]
+    assert wrong.mean() < np.abs(chunks - chunks.mean())[~padding].mean() / 2
+    everywhere = space(of)
+    conditions = Conditions(task="reach", policy="own", **everywhere.conditions)
+    evaluator = of.evaluator(conditions, policy, everywhere, recording=None, checked=True)
+    assert evaluator.evaluate([everywhere.nominal()])[0].verdict in (Verdict.PASSED, Verdict.FAILED)
+    evaluator.close()
