@@ -26,9 +26,9 @@ SCALED = dict.fromkeys(("STATE", "ENV", "ACTION"), "MEAN_STD")
 
 
 def demonstrations(world, task, episodes, vary=()):
-    """What the expert sees at each step, its next actions, and which of them pad, for random scenes that it solves."""
+    """Of random scenes that the expert solves: what it sees at each step, its next actions, and which of them pad."""
     space, world, rng = world.space(task, world.robots[0], vary=vary), world.opened(task), np.random.default_rng(0)
-    while episodes:
+    for _ in range(episodes):
         now = world.reset(world.values_in(space.sample(rng)), int(rng.integers(2**31)))
         seen, done, success = [], [], Monitor(tuple(world.stages))
         while not success.success_now and len(done) < world.horizon and not world.ended(now):
@@ -37,7 +37,6 @@ def demonstrations(world, task, episodes, vary=()):
             now = world.step(now, done[-1])
             success.observe(now)
         if success.success_now:
-            episodes -= 1
             ahead = np.add.outer(np.arange(len(done)), np.arange(CHUNK))
             yield np.array(seen), np.array(done)[ahead.clip(max=len(done) - 1)], ahead >= len(done)
 
