@@ -133,7 +133,7 @@ class RunConfig:
         WHERE,
         "",
         "Proposals that are evaluated at a time.",
-        "16; for causes a 150th of the budget, at least 4; for random 64",
+        "16; for causes a 115th of the budget, at least 4; for random 64",
     )
     repeats: int = _option(JUDGE, "", "Rollouts per scene; it fails if one of them fails.", "1", default=1)
     stop_early: bool = _option(JUDGE, "", "End a rollout at its first success.", "false", default=False)

@@ -77,11 +77,8 @@ def _run(arguments: Sequence[str] | None) -> int:
     except VlafuzzError as error:
         return _complain(error.message, error.hint, error.exit_code)
     except _WrongUsage as error:
-        return _complain(
-            error.format_message() or "a command is missing",
-            "`vlafuzz COMMAND --help` says what it takes",
-            error.exit_code,
-        )
+        problem, hint = error.format_message() or "a command is missing", "`vlafuzz COMMAND --help` says what it takes"
+        return _complain(problem, hint, error.exit_code)
     except typer.Abort:
         return _complain("interrupted", None, INTERRUPTED)
     except SystemExit as exit_:  # of typer and rich for what nobody reads

@@ -67,9 +67,7 @@ def make_policy(name: str, task: str = "") -> Policy:
     if world := experts_world(name, task):
         if expert := world_of(task).solvers().get("expert"):
             return expert
-        raise UsageError(
-            f"policy {name!r}: {world} has no expert", hint="define its solve(now), or name a policy of yours"
-        )
+        raise UsageError(f"policy {name!r}: {world} has no expert", hint="define solve(now), or name a policy of yours")
     if kind := client_of(name):
         return kind(address_of(name))
     if make := _built_in(name):

@@ -93,13 +93,9 @@ def initial_states(task: LiberoTask) -> Array:
     return np.asarray(_suite(task.suite).get_task_init_states(task.number))
 
 
-def _known() -> dict[str, Any]:
-    return dict(load("libero.libero.benchmark").get_benchmark_dict())
-
-
 @cache
 def _suite(name: str) -> Any:
-    known = _known()
+    known = load("libero.libero.benchmark").get_benchmark_dict()
     if name not in known:
         raise UsageError(f"LIBERO has no suite {name!r}", hint=suggestion(name, known))
     with quiet():  # it says in which order its tasks are
@@ -129,7 +125,7 @@ def _task(suite: str, number: int) -> LiberoTask:
         goal=goal,
         interest=interest,
         things=tuple(name for name in dict.fromkeys([*wanted, *movable]) if name in movable),
-        paraphrase=_task(f"{suite}_lan", number).instruction if f"{suite}_lan" in _known() else "",
+        paraphrase=_task(f"{suite}_lan", number).instruction if suite in SUITES else "",
     )
 
 

@@ -143,8 +143,7 @@ class TabletopEvaluator(SceneEvaluator):
         if self._env is not None and self._env.rig.robot != scene.robot:
             self.renew()
         if self._env is None:
-            films = [self.recorded] if self.recorded else []
-            full = cameras if QUALITY.of(self._conditions) == "full" else films
+            full = cameras if QUALITY.of(self._conditions) == "full" else cameras[len(spec.cameras) :]  # films always
             self._env = self.room(cameras, spec.action.hz, scene.robot, [camera.name for camera in full])
         return TabletopEpisode(self._env, spec, scene, seed, self._conditions)
 
