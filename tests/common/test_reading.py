@@ -211,7 +211,7 @@ class TestMessages:
         placed = SCENE["targets"][0] | {"object": ESCAPE, "rest": ESCAPE}
         lines = [SCENE | {"targets": [placed]}, SCENE | {ESCAPE: ESCAPE}]
         Path("a.jsonl").write_text("\n".join(map(json.dumps, lines)))
-        shown = typed(capsys, "lint a.jsonl --static --verbose", code=1)
+        shown = typed(capsys, "lint a.jsonl --static", code=1)
         assert r"\x1b]0;owned" in shown.out
         assert not {"\x1b", "\x07", "\x9b", "\u202e"} & {*shown.out, *shown.err}
 
