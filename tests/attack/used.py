@@ -56,14 +56,13 @@ def _known() -> Iterator[None]:
 def triage(rng: Rng, folder: Path) -> None:
     path = changed_store(rng, samples.untriaged(), folder)
     with _known():
-        command("triage", path, "--limit", 1, "--rollouts", 20, "--workers", 1, "--time", "2s")
+        command("triage", path, "--limit", 1, "--workers", 1, "--time", "2s")
 
 
 def regress(rng: Rng, folder: Path) -> None:
     copied = changed_corpus(rng, folder)
-    places = ("--summary", folder / "a.md")
     with _known():
-        command("regress", copied, "--policy", "frozen", "--time", "2s", *places)
+        command("regress", copied, "--policy", "frozen", "--time", "2s")
 
 
 def replay(rng: Rng, folder: Path) -> None:
