@@ -62,15 +62,17 @@ def test_outcomes_of_a_model_that_is_named_answer_for_that_one_only(server: str,
     assert "nothing says which model" not in capsys.readouterr().err
 
 
-def test_a_resumed_run_keeps_its_own_outcomes(server: str, monkeypatch, capsys):
-    run(server)
+@pytest.mark.parametrize("quality", ["full", "fast"])
+def test_a_resumed_run_keeps_its_own_outcomes_and_pictures(server: str, quality: str, capsys):
+    run(server, *(["--config", "quality=fast"] if quality == "fast" else []))
     with Store.open(Path("a.db"), "write") as opened:
         opened.finish(1, "interrupted", 1.0)
-        label = opened.runs()[0].manifest.label
+        (begun,) = opened.runs()
+    assert begun.manifest.world.get("quality", "fast") == quality
     assert main(["run", "--resume", "--store", "a.db", "--policy", server, *FLAGS[:2]]) == 0
     assert "what answers now has to be the model with which the run began" in capsys.readouterr().err
     with Store.open(Path("a.db")) as opened:
-        assert [stored.manifest.label for stored in opened.runs()] == [label]
+        assert [stored.manifest for stored in opened.runs()] == [begun.manifest]
 
 
 def test_built_in_policies_and_your_own_are_known_by_their_code():

@@ -19,7 +19,7 @@ from vlafuzz.common.plugins import OBJECT
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
 from vlafuzz.failures.triage.pipeline import left_for_causes
 from vlafuzz.model import Scene, Space, Task
-from vlafuzz.model.conditions import check_choice, check_label
+from vlafuzz.model.conditions import check_label
 from vlafuzz.model.scene_lines import is_document, load_scenes
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.servers import names_its_model
@@ -27,7 +27,7 @@ from vlafuzz.rollouts.executor import Executor
 from vlafuzz.rollouts.lockstep import lanes_for
 from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.rollouts.registry import Place, default_workers, executor_at, place_of, policy_at
-from vlafuzz.rollouts.setup import here, make_evaluator
+from vlafuzz.rollouts.setup import here, make_evaluator, with_settings
 from vlafuzz.search.base import POOL, Strategy, batch_of
 from vlafuzz.search.causes.strategy import Causes
 from vlafuzz.search.proposals import InOrder
@@ -201,8 +201,8 @@ def _check_scenes(config: RunConfig, scenes: Sequence[Scene], what: str, wanted:
 def _manifest(config: RunConfig, space: Space, policy: Policy, scenes: Sequence[Scene], *, workers: bool) -> Manifest:
     """The manifest of a run; ``config`` leaves nothing open."""
     flags = {name: getattr(config, name) for name in Manifest.flags()}
-    found = dict(space.conditions)
-    found["world"] = dict(found.get("world", {})) | _settings(config, space.task.name)
+    chosen = {name: value for name in OF_WORLDS if (value := getattr(config, name)) is not None}
+    found = with_settings(space.conditions, str(config.policy), space.task.name, chosen)
     scene_file = ""
     if config.scenes:
         digest = hashlib.blake2b("\n".join(scene.digest for scene in scenes).encode(), digest_size=8).hexdigest()
@@ -214,17 +214,6 @@ def _manifest(config: RunConfig, space: Space, policy: Policy, scenes: Sequence[
         versions=provenance.versions(),
         command=config.command,
     )
-
-
-def _settings(config: RunConfig, task: str) -> dict[str, Any]:
-    """The settings of a task's world that the user chooses, but for defaults."""
-    settings = {setting.name: setting for setting in world_of(task).settings}
-    chosen = {name: value for name in OF_WORLDS if (value := getattr(config, name)) is not None}
-    for name, value in chosen.items():
-        if name not in settings:
-            raise UsageError(f"{name} {value}: not for {task}", hint=f"leave {name} out")
-        check_choice(name, value, settings[name].options)
-    return {name: value for name, value in chosen.items() if value != settings[name].default}
 
 
 def start(plan: Plan, watch: Callable[[Tally], None], deadline: Deadline | None = None) -> Summary:

@@ -138,7 +138,7 @@ class RunConfig:
     repeats: int = _option(JUDGE, "", "Rollouts per scene; it fails if one of them fails.", "1", default=1)
     stop_early: bool = _option(JUDGE, "", "End a rollout at its first success.", "false", default=False)
     quality: str | None = _option(
-        JUDGE, "", "How a world draws, if it has a choice: full; fast, cheaper on a CPU.", "the world's own"
+        JUDGE, "", "How a world draws, if it has a choice: full; fast, cheaper.", "full for servers, else the world's"
     )
     workers: int | None = _option(
         WHERE,

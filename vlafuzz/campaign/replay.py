@@ -16,7 +16,7 @@ from vlafuzz.model.scene_lines import is_store, load_scenes
 from vlafuzz.policies.base import ActionSpec, Policy, PolicySpec
 from vlafuzz.policies.controls import Player
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.rollouts.setup import make_evaluator
+from vlafuzz.rollouts.setup import make_evaluator, with_settings
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import default_policy, provenance, world_of
@@ -57,7 +57,7 @@ def find(source: Path, digest: str | None = None, policy: str | None = None) -> 
     scenes = [scene for scene in load_scenes(source) if scene.digest.startswith(digest or "")]
     if not scenes:
         raise UsageError(f"{source}: no scene {digest!r}", hint="give the first digits of a scene's digest")
-    return _never_run(scenes[0])
+    return _never_run(scenes[0], policy)
 
 
 def replay(
@@ -148,10 +148,10 @@ def _find_in_store(store: Store, digest: str | None, policy: str | None) -> Repl
         triaged.policy_key for triaged in store.triaged() if scene in (triaged.shrunk, *triaged.counterparts.values())
     }
     manifest = next((run.manifest for run in runs if run.manifest.key() in keys), None)
-    return _never_run(scene) if manifest is None else Replayable(scene, manifest)
+    return _never_run(scene, policy) if manifest is None else Replayable(scene, manifest)
 
 
-def _never_run(scene: Scene) -> Replayable:
-    policy = default_policy(scene.task, scene.robot)
-    found = world_of(scene.task).conditions_of(scene)
-    return Replayable(scene, Conditions(task=scene.task, policy=policy, **found))
+def _never_run(scene: Scene, policy: str | None) -> Replayable:
+    usual = default_policy(scene.task, scene.robot)
+    found = with_settings(world_of(scene.task).conditions_of(scene), policy or usual, scene.task, {})
+    return Replayable(scene, Conditions(task=scene.task, policy=usual, **found))

@@ -82,16 +82,12 @@ def on_actions(spec: PolicySpec, hz: int, executed: Array) -> Check:
     of_hand = spec.action.width == WIDTH
     moves = executed[:, :6] if of_hand else executed
     moving = moves[:, np.ptp(moves, axis=0) >= SAME]
-    clipped = sum(_is_clipped(column) for column in moving.T)
+    sizes = (np.abs(column[column != 0]) for column in moving.T)
+    clipped = sum(bool(np.mean(size >= 0.999 * size.max()) >= AT_END) for size in sizes)
     if clipped >= CUT and 2 * clipped > moving.shape[1]:
         detail = f"{clipped} of {moving.shape[1]} numbers are nearly always at an end of their range"
         return judged("actions", detail, "saturated")
     return _on_range(spec, hz, executed) if of_hand else Check("actions", f"{len(executed)} of them")
-
-
-def _is_clipped(numbers: Array) -> bool:
-    sizes = np.abs(numbers[numbers != 0])
-    return bool(np.mean(sizes >= 0.999 * sizes.max()) >= AT_END)
 
 
 def _on_range(spec: PolicySpec, hz: int, executed: Array) -> Check:

@@ -172,9 +172,11 @@ def elsewhere(conditions: Conditions, world: str) -> Conditions:
     """The conditions of a run in another world."""
     task = task_in(world, conditions.task)
     other, known = world_of(task), {setting.name for setting in world_of(task).settings}
+    pictures = {setting.name for setting in world_of(conditions.task).settings if setting.served} - known
     if conditions.robot not in other.robots:
         raise UsageError(f"{world} has no robot {conditions.robot}", hint=f"known: {', '.join(other.robots)}")
-    if lacking := next((name for name in conditions.world if name not in known), None):
+    values = {name: value for name, value in conditions.world.items() if name not in pictures}  # it has one quality
+    if lacking := next((name for name in values if name not in known), None):
         problem = f"the run has {lacking}={conditions.world[lacking]}, and {world} has no such setting"
         raise UsageError(problem, hint="test the policy without it, and confirm that store")
-    return replace(conditions, task=task)
+    return replace(conditions, task=task, world=values)

@@ -113,11 +113,15 @@ def _contents(packs: str) -> frozenset[tuple[str, str]]:
 
 @dataclass(frozen=True)
 class Setting(Generic[T]):
-    """A condition that some worlds have, and declare; ``options``: all its values, where a user chooses one by name."""
+    """A condition that some worlds have, and declare; ``options``: all its values, where a user chooses one by name.
+
+    ``served``: of pictures, the default for a policy behind a model server, whose answers take longer than a picture.
+    """
 
     name: str
     default: T
     options: tuple[T, ...] = ()
+    served: T | None = None
 
     def of(self, conditions: "Conditions") -> T:
         """Its value under these conditions."""

@@ -1,11 +1,14 @@
 """Where conditions become spaces and evaluators of a world."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from vlafuzz.common.plugins import source_digest
 from vlafuzz.errors import UsageError
 from vlafuzz.model import Conditions, Space
+from vlafuzz.model.conditions import check_choice
 from vlafuzz.policies.base import Policy
+from vlafuzz.policies.clients.servers import client_of
 from vlafuzz.rollouts.policies import experts_world, make_policy
 from vlafuzz.worlds import provenance, world_of
 from vlafuzz.worlds.evaluator import SceneEvaluator
@@ -44,3 +47,18 @@ def here(name: str, policy: Policy, space: Space, *, workers: bool = False) -> d
     }
     made_of = {field: value for field, value in space.conditions.items() if field == "catalogue_digest"}
     return installed | made_of | {"simulator": world.simulator}
+
+
+def with_settings(found: Mapping[str, Any], policy: str, task: str, chosen: Mapping[str, str]) -> dict[str, Any]:
+    """Fields of conditions with settings of the task's world, but for defaults: those chosen, else as suit the policy.
+
+    UsageError if the world has no such setting or value.
+    """
+    settings = {setting.name: setting for setting in world_of(task).settings}
+    for name, value in chosen.items():
+        if name not in settings:
+            raise UsageError(f"{name} {value}: not for {task}", hint=f"leave {name} out")
+        check_choice(name, value, settings[name].options)
+    served = {name: one.served for name, one in settings.items() if one.served and client_of(policy)}
+    values = {name: value for name, value in {**served, **chosen}.items() if value != settings[name].default}
+    return {**found, "world": {**found.get("world", {}), **values}}

@@ -214,7 +214,7 @@ def _case(folder: Path, number: int, row: _CaseRow) -> Case:
 
 
 def _read_actions(path: Path, digest: str, folder: Path) -> Actions:
-    data = _read(path, folder)
+    data = read_bytes(path, CorpusError, _AGAIN, most=16 * MIB, inside=folder)
     if _digest(data) != digest:
         raise _damaged(f"{path}: was changed: its digest is {_digest(data)}, not {digest}")
     try:
@@ -224,10 +224,6 @@ def _read_actions(path: Path, digest: str, folder: Path) -> Actions:
     if actions.ndim != 2 or not np.isfinite(actions).all():
         raise _damaged(f"{path}: not finite numbers, step by step, but {actions.shape}")
     return actions
-
-
-def _read(path: Path, folder: Path) -> bytes:
-    return read_bytes(path, CorpusError, _AGAIN, most=16 * MIB, inside=folder)
 
 
 def _damaged(problem: str) -> CorpusError:

@@ -120,6 +120,7 @@ class Certifier:
         """The evidence for a scene: against each of its operators reset, and if that does not do, all of them."""
         left = (*deviating(self.space, scene, self.reference.scene), *self.subject)
         start, stages, most = self.reference.scene, self.reference.stages, self.patience * self.oracle.lead
+        lost = self.oracle.lost
         without = {name: self._without(scene, name) for name in left}
         tests = dict(zip(left, self.oracle.contrasts(scene, list(without.values()), stages, most=most), strict=True))
         firm, usual = bool(left) and all(test.answer is Answer.PASSES for test in tests.values()), None
@@ -131,7 +132,7 @@ class Certifier:
         shown = [name for name, answer in answers.items() if answer is Answer.PASSES]
         return Shrunk(
             scene=scene,
-            lost=self.oracle.lost(scene),
+            lost=lost(scene),
             operators=left,
             rate=self.oracle.certified(scene),
             usual=usual,
@@ -140,7 +141,9 @@ class Certifier:
             counterparts={name: without[name] for name in shown},
             rates={name: tests[name].rate for name in shown},
             unresolved={
-                name: self._outcome(without[name], answer) for name, answer in answers.items() if name not in shown
+                name: f"fails at {lost(without[name], stages)}" if answer is Answer.FAILS else str(answer.value)
+                for name, answer in answers.items()
+                if name not in shown
             },
         )
 
@@ -170,12 +173,6 @@ class Certifier:
 
     def _without(self, scene: Scene, name: str) -> Scene:
         return self.space.reset(scene, self.space.group(name), self.reference.scene)
-
-    def _outcome(self, scene: Scene, answer: Answer) -> str:
-        """What a scene does that is not shown to pass, to complete "the scene …"."""
-        if answer is Answer.FAILS:
-            return f"fails at {self.oracle.lost(scene, self.reference.stages)}"
-        return str(answer.value)
 
 
 def certified(triaged: Iterable[Triaged | None]) -> list[Triaged]:

@@ -111,7 +111,8 @@ class Suspects:
     def learn_test(self, kept: Mask, *, failed: bool) -> None:
         """Learn from the scene itself with all units reset but these."""
         self.tests += 1
-        failing = np.where(self._contained(kept), self._inside[:, None], self._outside[:, None])
+        partly = (self.masks & ~kept).any(axis=1)  # ``(sets,)`` whether each is not kept as a whole
+        failing = np.where(partly, self._outside[:, None], self._inside[:, None])
         self._log += np.log(failing if failed else 1 - failing)
         self._log_chance += np.log(BACKGROUNDS if failed else 1 - BACKGROUNDS)
         self._weigh()
@@ -201,10 +202,6 @@ class Suspects:
         self.chances: Array = weights.sum(axis=0) / total  # of the sets; what is missing to 1 is chance
         self._row: Array = weights.sum(axis=1) / total
         self._by_chance: Array = chance / total
-
-    def _contained(self, kept: Mask) -> Mask:
-        """``(sets,)`` whether each is kept as a whole."""
-        return np.asarray(~(self.masks & ~kept).any(axis=1))
 
     def _next_smallest(self) -> Mask:
         """The smallest set for which tests speak that it fails; all units if they do for none."""

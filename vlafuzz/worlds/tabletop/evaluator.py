@@ -30,7 +30,8 @@ from vlafuzz.worlds.tabletop.objects.model import SRGB, ObjectModel
 from vlafuzz.worlds.tabletop.room import Room
 from vlafuzz.worlds.tabletop.tasks import TABLE, State, task as task_named
 
-QUALITY = Setting("quality", "fast", ("fast", "full"))  # of a policy's pictures; ``full`` as films are, with shadows
+# Of a policy's pictures; ``full`` as films are, with shadows: 33 instead of 4 ms for one of 224 pixels on a CPU core
+QUALITY = Setting("quality", "fast", ("fast", "full"), served="full")
 
 
 class TabletopEpisode(Episode):
