@@ -109,7 +109,7 @@ def test_a_page_follows_what_is_written_and_ends_as_it_is_to_stay(monkeypatch, c
 
         monkeypatch.setattr("time.sleep", wait)
         assert "open a.html" in typed(capsys, ["report", "a.db", "--follow"]).err
-    told = [f"searching: {done} of 50 rollouts done" in page for done, page in enumerate(pages)]
+    told = [f"searching: {done} of 50 rollouts done</b> at " in page for done, page in enumerate(pages)]
     assert told == [True, True]
     refreshed = ['<meta http-equiv="refresh"' in page for page in (*pages, Path("a.html").read_text())]
     assert refreshed == [True, True, False]

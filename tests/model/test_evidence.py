@@ -7,7 +7,7 @@ import pytest
 from tests.failures.triage.planted import SPACE, WITH_EXTRAS
 from vlafuzz.model import Backdrop, Camera, Light, Placement, Scene, Threshold
 from vlafuzz.model.phrasing import describe, signature
-from vlafuzz.model.scene import PictureLoss
+from vlafuzz.model.scene import CameraBump, PictureLoss
 from vlafuzz.model.space import spoken
 from vlafuzz.worlds.tabletop.space import SearchSpace
 
@@ -74,6 +74,7 @@ TILTED = replace(NOMINAL, camera=Camera(pitch=-3.0))
 WITH_APPLE = replace(NOMINAL, confounders=(Placement("apple", "upright", 0.1, 0.2),))
 
 FROZEN = replace(NOMINAL, picture_loss=PictureLoss(duration=7))
+BUMPED = replace(NOMINAL, camera_bump=CameraBump("start", yaw=5.0))
 
 
 def beyond(path: str, value: float):
@@ -110,6 +111,12 @@ def clause(group: str, scene: Scene, *fails) -> str:
         ),
         ("picture-loss", FROZEN, (), "the pictures stop (duration 7 steps) while the hand approaches"),
         (
+            "camera-bump",
+            BUMPED,
+            (beyond("camera_bump.yaw", 4),),
+            "the camera turns left by at least 4° a second after the start",
+        ),
+        (
             "picture-loss",
             FROZEN,
             (beyond("picture_loss.duration", 4),),
@@ -143,3 +150,4 @@ def test_a_field_that_begins_with_its_operators_name_is_said_once():
     assert (spoken("goal", "goal-x"), spoken("light", "intensity"), spoken("target-type")) == (
         "goal-x", "light intensity", "target type",
     )  # fmt: skip
+    assert spoken("confounder-position", "nearness of the first confounder") == "nearness of the first confounder"

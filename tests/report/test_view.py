@@ -153,6 +153,8 @@ def test_it_names_the_phase_of_a_run(tmp_path: Path):
     assert view(path).phase == "finished"
     stored(path, about=replace(MANIFEST, budget=50))
     assert view(path).phase == "interrupted: 0 of 50 rollouts done"  # it was killed: nobody writes
+    stored(path, *(ended(SPACE.nominal(), proposal=number) for number in range(2)), about=replace(MANIFEST, budget=1))
+    assert view(path).phase == "interrupted: 2 rollouts done"  # with what certification has left
 
 
 def test_it_says_where_each_run_was_made(tmp_path: Path):

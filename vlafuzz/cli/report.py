@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vlafuzz.report.view import View
 
 FEW, FILMED = 20, 50  # failures that are listed, and that get videos, by default
-REFRESH, TIMES = 10, 20  # seconds between two pages that follow a run; at least so many times what one takes
+REFRESH, TIMES = 10, 9  # seconds between two pages that follow a run; at least so many times what one takes
 VALUES = 3  # operators of an untriaged failure that are shown with their values
 
 
@@ -181,6 +181,7 @@ def _follow(source: Path, out: Path) -> None:
     check_place(out)
     sys.stderr.write(f"following {source}: open {out} in a browser; Ctrl-C ends it\n")
     try:
+        write_page(out, render(view_of(source), refresh=REFRESH))  # takes long: it loads what the others need
         while True:
             began = time.monotonic()
             write_page(out, render(view_of(source), refresh=REFRESH))

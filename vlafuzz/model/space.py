@@ -347,7 +347,8 @@ class Space(ABC):
 
 def spoken(operator: str, field: str = "") -> str:
     """An operator, or one of its fields, in a sentence: ``light intensity``, but ``goal-x`` of ``goal``."""
-    return field if field.startswith(f"{operator}-") else f"{operator.replace('-', ' ')} {field}".strip()
+    whole = field.startswith(f"{operator}-") or " of the " in field
+    return field if whole else f"{operator.replace('-', ' ')} {field}".strip()
 
 
 def value_at(scene: Scene, path: str) -> Any:

@@ -125,7 +125,8 @@ def _numbers(of: DescribedFailure | None, cause: ListedCause, failures: str) -> 
         else:
             yield percent(of.rate.share), counts
     if cause.recovers:
-        yield str(cause.recovers), "from the end of the event until the policy makes progress again"
+        steps, _, rollouts = str(cause.recovers).partition(" (")
+        yield steps, f"from the end of the event until the policy makes progress again ({rollouts}"
     if failures:
         yield str(cause.failures), f"of {failures} explained"
 

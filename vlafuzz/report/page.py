@@ -7,6 +7,7 @@ from functools import cache
 from hashlib import blake2b
 from pathlib import Path
 from tempfile import TemporaryFile
+from time import strftime
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -92,7 +93,7 @@ def environment() -> Environment:
         "film_id": film_id,
         "data": lambda content, kind: f"data:{kind};base64,{_encoded(content)}",
     }
-    made.globals |= {"interval": interval, "library": lambda: Markup((folder / "plot.min.js").read_text("utf-8"))}
+    made.globals |= {"interval": interval, "now": strftime, "library": (folder / "plot.min.js").read_text}
     return made
 
 

@@ -3,6 +3,7 @@
 const WIDE = 340;
 const MARGINS = { marginTop: 10, marginRight: 12, marginBottom: 26, marginLeft: 46 };
 const ROWS = 8; // axes of the lines: more are too many to read
+const CELLS = 24; // of a map, across
 const percent = (share) => `${Math.round(100 * share)}%`;
 const cut = (text, most) => (text.length > most ? `${text.slice(0, most - 1)}…` : text);
 const written = (axis, value) => {
@@ -16,7 +17,8 @@ const ends = ({ options, low, high }) => (options.length ? [-0.5, options.length
 const scale = (axis) => ({ type: axis.log ? "log" : "linear", domain: ends(axis), label: null });
 const labels = (mark, axis, tickRotate = 0) => {
   const options = axis.options.map((_, index) => index);
-  const powers = [0.01, 0.05, 0.2, 1, 5, 20, 100].filter((value) => value >= axis.low && value <= axis.high);
+  const steps = axis.high / axis.low > 25 ? [0.01, 0.05, 0.2, 1, 5, 20, 100] : [0.25, 0.5, 1, 2, 4];
+  const powers = steps.filter((value) => value >= axis.low && value <= axis.high);
   const ticks = options.length ? options : axis.log ? powers : 4;
   return mark({ ticks, text: (value) => cut(written(axis, value), 12), tickRotate: options.length ? tickRotate : 0 });
 };
@@ -78,6 +80,26 @@ function curve(plot, axis) {
   return picture;
 }
 
+// The ground of a map: how often random scenes fail near each place, from blue (never) to red; bare where there are hardly any.
+function ground(shown, xAxis, yAxis, rows) {
+  const share = ({ low, high }, value) => (value - low) / (high - low);
+  const value = ({ low, high }, share) => low + share * (high - low);
+  const random = shown.filter((scene) => scene.random).map(({ failed, x, y }) => [failed, share(xAxis, x), share(yAxis, y)]);
+  return Array.from({ length: CELLS * rows }, (_, cell) => {
+    const [column, row] = [cell % CELLS, Math.floor(cell / CELLS)];
+    let [of, bad] = [0, 0];
+    for (const [failed, across, along] of random) {
+      // The window has a standard deviation of an eighth of each range: of 50 scenes it holds about five.
+      const weight = Math.exp(-32 * ((across - (column + 0.5) / CELLS) ** 2 + (along - (row + 0.5) / rows) ** 2));
+      of += weight;
+      bad += weight * failed;
+    }
+    const [x1, x2] = [column, column + 1].map((edge) => value(xAxis, edge / CELLS));
+    const [y1, y2] = [row, row + 1].map((edge) => value(yAxis, edge / rows));
+    return { x1, x2, y1, y2, of, fill: `color-mix(in srgb, var(--fails) ${Math.round((100 * bad) / of)}%, var(--passes))` };
+  }).filter(({ of }) => of > 2);
+}
+
 // Scenes by two quantities, with the regions of certified causes; or a map of them.
 function scatter(plot, xAxis, yAxis, map = null) {
   const [across, along] = [xAxis, yAxis].map((axis) => plot.axes.indexOf(axis) + 3);
@@ -102,6 +124,8 @@ function scatter(plot, xAxis, yAxis, map = null) {
     });
     return columns.flatMap(([x1, x2]) => rows.map(([y1, y2]) => ({ x1, x2, y1, y2, title })));
   });
+  const corners = { x1: "x1", x2: "x2", y1: "y1", y2: "y2" };
+  const rated = map && plot.random >= plot.enough;
   const shape = map ? (yAxis.high - yAxis.low) / (xAxis.high - xAxis.low || 1) : 0.85; // of a map, so that a metre is a metre
   const size = { ...MARGINS, marginLeft: yAxis.options.length ? 84 : 46, marginBottom: xAxis.options.length ? 62 : 26 };
   size.height = Math.round(Math.min(Math.max(282 * shape, 120), 420)) + size.marginTop + size.marginBottom;
@@ -115,7 +139,8 @@ function scatter(plot, xAxis, yAxis, map = null) {
       labels(Plot.axisX, xAxis, -35),
       labels(Plot.axisY, yAxis),
       Plot.frame({ className: "frame" }),
-      Plot.rect(regions, { x1: "x1", x2: "x2", y1: "y1", y2: "y2", title: "title", className: "fails" }),
+      rated ? Plot.rect(ground(shown, xAxis, yAxis, Math.ceil(CELLS * shape)), { ...corners, fill: "fill", className: "ground" }) : null,
+      Plot.rect(regions, { ...corners, title: "title", className: rated ? "outlined" : "fails" }),
       Plot.ruleX(usual(xAxis), { className: "usual" }),
       map?.below ? Plot.text([`▼ ${map.below}`], { frameAnchor: "bottom", dy: -4 }) : null,
       Plot.dot(shown, {
@@ -237,7 +262,8 @@ function draw(root) {
   const sorted = [...plot.axes].sort((a, b) => matters(b) - matters(a));
   for (const map of plot.maps) {
     const [across, along] = [map.across, map.along].map((id) => plot.axes.find((axis) => axis.id === id));
-    panel([map.title], scatter(plot, across, along, map), "plot tall");
+    const says = "Ground: how often random scenes fail near there, blue (never) to red (always). Frames: ranges of causes.";
+    panel([map.title], scatter(plot, across, along, map), "plot tall", plot.random < plot.enough ? "" : says);
   }
   let [x, y] = sorted;
   if (y) {

@@ -148,7 +148,8 @@ def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList]) -> str
     run, written = runs[-1], is_being_written(store.path)
     if run.status != "finished" and run.status != "stopped":
         word = "searching" if run.status == "running" and written else "interrupted"
-        return f"{word}: {store.rollouts(run.id)} of {run.manifest.budget} rollouts done"
+        done, budget = store.rollouts(run.id), run.manifest.budget  # certification may have left some more
+        return f"{word}: {done}{f' of {budget}' * (done <= budget)} rollouts done"
     if written:
         found = next((one for one in lists if one.run == run.id), None)
         return f"certifying: {found.certified} of {plural(found.found, 'cause')} so far" if found else "triaging"

@@ -30,7 +30,8 @@ def free_genes(space: Space, scene: Scene, operators: Sequence[str], reference: 
         for path, gene in space.by_path.items()
         if gene.operator in operators
         and (gene.operator in both or not gene.neutral)
-        and _differ(gene, values[path], start[path])
+        and values[path] != start[path]
+        and not (gene.grid.wraps and (values[path] - start[path]) % 360.0 == 0)
         and _in_use(space, gene, scene)
     ]
 
@@ -42,10 +43,6 @@ def start_values(space: Space, reference: Scene | None) -> Values:
 
 def _severe(space: Space, values: Values) -> set[str]:
     return {gene.operator for path, gene in space.by_path.items() if gene.distance(values[path]) > 0}
-
-
-def _differ(gene: Gene, value: float, start: float) -> bool:
-    return value != start and not (gene.grid.wraps and (value - start) % 360.0 == 0)
 
 
 def _in_use(space: Space, gene: Gene, scene: Scene) -> bool:

@@ -36,11 +36,11 @@ GROUPS: dict[str, tuple[str, ...]] = {
 REDRAWS = 60  # positions tried for one object
 RESTARTS = 200  # attempts at a scene
 HINT = "widen the ranges, or lower min_distance, confounder-count or visible, in your own --operators file"
-# By path: how the camera is turned, by more than nothing and by less.
+# By angle: how the camera is turned, by more than nothing and by less.
 _TURNED = {
-    "camera.pitch": ("the camera tilts down by {}", "the camera tilts up by {}"),
-    "camera.yaw": ("the camera turns left by {}", "the camera turns right by {}"),
-    "camera.roll": ("the camera rolls right by {}", "the camera rolls left by {}"),
+    "pitch": ("the camera tilts down by {}", "the camera tilts up by {}"),
+    "yaw": ("the camera turns left by {}", "the camera turns right by {}"),
+    "roll": ("the camera rolls right by {}", "the camera rolls left by {}"),
 }
 _PAINTED = {"table": "the table's pattern is {}", "colour": "the table is {}", "wall": "the wall is {}"}
 # By direction, as whoever looks through the camera sees it: in words, and the opposite one.
@@ -177,10 +177,12 @@ class TableSpace(Space):
             here = _fields(event, model.EVENTS[kind.part], names)
             how = f" {kind.by} {size}" if size else f" ({here})" if here else ""
             late = newcomer(scene)
+            if group == "camera-bump":
+                return f"{self._turns(scene, other, fails, kind.part)} {_MOMENTS[event.when]}"
             happens = kind.happens if late is None else kind.happens.format(newcomer=_name(scene.placements[late]))
             return f"{happens}{how} {_MOMENTS[event.when]}"
         if group == kinds.CameraOrientation.name:
-            return self._turns(scene, other, fails)
+            return self._turns(scene, other, fails, "camera")
         if group == "backdrop" and scene.backdrop != other.backdrop:
             changed = (part for part in _PAINTED if getattr(scene.backdrop, part) != getattr(other.backdrop, part))
             return " and ".join(_PAINTED[part].format(getattr(scene.backdrop, part)) for part in changed)
@@ -192,15 +194,15 @@ class TableSpace(Space):
             return named.replace(": rests", " rests").replace(": ", " is ")
         return super().clause(scene, group, other, fails)
 
-    def _turns(self, scene: Scene, other: Scene, fails: Sequence[Range]) -> str:
-        """The turns of the camera in words, for ``clause``."""
+    def _turns(self, scene: Scene, other: Scene, fails: Sequence[Range], part: str) -> str:
+        """The turns of the camera by a part of the scene in words, for ``clause``."""
         values, usual = self.values(scene), self.values(other)
         ways = []
-        for path in dict(fails[0][0]) if fails else _TURNED:
+        for path in dict(fails[0][0]) if fails else [f"{part}.{angle}" for angle in _TURNED]:
             if values[path] != usual[path]:
                 own = [[tuple(end for end in ends if end[0] == path) for ends in pair] for pair in fails]
                 amounts = [beyond(low, high, usual, away=True) for low, high in own] or [f"{abs(values[path]):g}°"]
-                ways.append(_TURNED[path][values[path] < usual[path]].format(" or ".join(amounts)))
+                ways.append(_TURNED[path.partition(".")[2]][values[path] < usual[path]].format(" or ".join(amounts)))
         return " and ".join(ways).replace(" and the camera", " and")
 
     def derived(self, scene: Scene) -> Mapping[tuple[str, str], float]:
