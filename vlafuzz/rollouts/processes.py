@@ -68,7 +68,9 @@ class _Process:
     def answer(self) -> Sequence[Outcome]:
         try:
             if not self.pipe.poll():
-                self._check()
+                allowed = self._timeout if self._up else TIMEOUT
+                if time.monotonic() - self._began > allowed:
+                    raise Lost(f"no answer within {allowed:.0f} s")
                 return ()
             message: Sequence[Outcome] | BaseException = self.pipe.recv()
         except (EOFError, OSError):
@@ -87,12 +89,6 @@ class _Process:
     def _send(self, message: object) -> None:
         with suppress(OSError):  # when the process is gone, ``answer`` reports it
             self.pipe.send(message)
-
-    def _check(self) -> None:
-        """Raise Lost when the worker exceeds its time."""
-        allowed = self._timeout if self._up else TIMEOUT
-        if time.monotonic() - self._began > allowed:
-            raise Lost(f"no answer within {allowed:.0f} s")
 
 
 def _wait(workers: Sequence[Any], seconds: float) -> None:

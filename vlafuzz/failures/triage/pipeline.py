@@ -141,7 +141,8 @@ def triage(
     Raises:
         SimulatorError: no worker stays alive.
     """
-    done = {triaged.key for triaged in store.triaged()}
+    before = store.triaged()
+    done = {triaged.key for triaged in before}
     runs = {run.id: run for run in store.runs()}
     keys = {number: run.manifest.key() for number, run in runs.items()}
     causes = [finding.key for run in runs for finding in cause_findings(store, run)]
@@ -154,10 +155,10 @@ def triage(
             of_run,
             store.outcomes_by_scene(number),
             _blamed(store, [run for run in runs if keys[run] == keys[number]]),
-            _known(store, of_run[0]),
+            certified(row for row in before if (row.policy_key, row.scene.task) == like),
         )
         for number, some in groupby(todo, lambda finding: finding.run)
-        if (of_run := list(some))
+        if (of_run := list(some)) and (like := (of_run[0].policy_key, of_run[0].scene.task))
     ]
     allowance = allowance or Allowance()
     done_now, rollouts, unjudged = 0, 0, Counter[Unjudged]()
@@ -234,12 +235,6 @@ def cause_findings(store: Store, run: int) -> list[Finding]:
 def findings_in_order(store: Store, run: int) -> list[Finding]:
     """The findings of a run in the order of ``triage`` under a limit."""
     return _causes_first(store.findings(run), [finding.key for finding in cause_findings(store, run)])
-
-
-def _known(store: Store, like: Finding) -> list[Triaged]:
-    """What triage has certified of the same policy and task."""
-    key, task = like.policy_key, like.scene.task
-    return certified(row for row in store.triaged() if row.policy_key == key and row.scene.task == task)
 
 
 def _blamed(store: Store, runs: Iterable[int]) -> dict[Scene, FoundCause]:

@@ -15,7 +15,6 @@ Colour = tuple[float, float, float]
 COLOUR: Colour = (0.52, 0.44, 0.36)  # mean colour of the table top
 WALL_COLOUR: Colour = (0.55, 0.58, 0.56)
 FLOOR_COLOUR: Colour = (0.30, 0.31, 0.33)
-WALL = -1.6  # x, behind the robot, metres
 PAINTS: dict[str, Colour] = {
     "oak": COLOUR,
     "sage": WALL_COLOUR,
@@ -72,6 +71,12 @@ def lamps_of(lights: Lights) -> tuple[Array, Array]:
     toward = -np.array([direction for direction, _ in lights.directional])
     strength = np.array([intensity for _, intensity in lights.directional])
     return toward / np.linalg.norm(toward, axis=1, keepdims=True), strength
+
+
+def on_table(lights: Lights) -> float:
+    """The light that a level surface reflects, relative to its albedo."""
+    toward, strength = lamps_of(lights)
+    return float(lights.ambient + toward[:, 2] @ strength / np.pi)
 
 
 def planks(size: int = 256) -> Array:

@@ -44,11 +44,12 @@ class Lights:
 
 @dataclass(frozen=True)
 class Table:
-    """A box with its top at z = 0. ``half``: half sides; ``floor``: height of the floor below. Metres."""
+    """A box with its top at z = 0. ``half``: half sides. There is a ``floor`` at z, and a ``wall`` at x. Metres."""
 
     centre: tuple[float, float]
     half: tuple[float, float, float]
     floor: float
+    wall: float
 
 
 Box = tuple[float, tuple[float, float], tuple[float, float]]

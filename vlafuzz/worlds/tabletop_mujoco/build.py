@@ -13,7 +13,7 @@ import trimesh
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.model import Backdrop, Placement
-from vlafuzz.worlds.manipulation.looks import FLOOR_COLOUR, GAMMA, PAINTS, WALL, Colour, lamps_of, shade, shown
+from vlafuzz.worlds.manipulation.looks import FLOOR_COLOUR, GAMMA, PAINTS, Colour, lamps_of, shade, shown
 from vlafuzz.worlds.manipulation.rigs import PANDA, Lights
 from vlafuzz.worlds.manipulation.rotations import quaternion, rotation_matrix
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
@@ -78,7 +78,7 @@ def robot() -> Any:
     _solid(table, THING, [FRICTION, 0.005, 0.0001])
     for name, half, place in (
         ("top", size.half, table.pos),
-        ("wall", (0.01, 3.0, 2.0), (WALL, 0.0, size.floor + 2.0)),
+        ("wall", (0.01, 3.0, 2.0), (size.wall, 0.0, size.floor + 2.0)),
         ("floor", (3.0, 3.0, 0.01), (0.0, 0.0, size.floor)),
     ):
         spec.add_material(name=name)

@@ -10,13 +10,14 @@ from tests.worlds.tabletop.sim.scenes import CATALOGUE, evaluate, make_env, play
 from vlafuzz.common import assets
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model import Conditions, Outcome, Placement, Scene, Verdict
+from vlafuzz.policies.base import CameraRequest
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import GOOGLE, PANDA, RIGS, WIDOWX, rig
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.fairness import check_static
-from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator, TabletopEnv
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 ASSETS = Path(__file__).resolve().parents[4].parent / "shared" / "vlatest" / "assets"
@@ -111,3 +112,13 @@ class TestExternalRobots:
         evaluator.close()
         assert seen.shape == (64, rig(robot).view.width(64), 3)
         assert seen.std() > 10
+
+    @pytest.mark.render
+    def test_a_film_is_as_bright_as_what_a_policy_sees_and_neither_shows_a_void_behind_the_table(self, robot):
+        cameras = [CameraRequest(name, 100, 100) for name in ("seen", "film")]
+        env = TabletopEnv("pick-up", CATALOGUE, cameras, robot=robot, full=["film"])
+        env.begin(nominal(robot))
+        seen, film = (env.picture(name).copy() for name in ("seen", "film"))
+        env.close()
+        assert film.mean() == pytest.approx(seen.mean(), rel=0.1)
+        assert [np.mean(picture.max(axis=2) == 0) for picture in (seen, film)] == [0, 0]

@@ -86,7 +86,7 @@ class TabletopEnv(BaseEnv, Room):
             for name in self._full:
                 if name not in self._studios:
                     device = self.world.scene.render_system.device
-                    self._studios[name] = rendering.Studio(device, self._render_camera(name))
+                    self._studios[name] = rendering.Studio(device, self._render_camera(name), self.rig.lights)
                 self._studios[name].begin(self.world.scene, self.light)
         return start
 

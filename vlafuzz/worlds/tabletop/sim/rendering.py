@@ -18,8 +18,8 @@ from sapien.render import RenderMaterial, RenderTexture2D
 from vlafuzz.common import assets
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model import Backdrop
-from vlafuzz.worlds.manipulation.looks import COLOUR, FLOOR_COLOUR, PAINTS, WALL, WALL_COLOUR, planks, shade
-from vlafuzz.worlds.manipulation.rigs import Lights, Table
+from vlafuzz.worlds.manipulation.looks import COLOUR, FLOOR_COLOUR, PAINTS, WALL_COLOUR, on_table, planks, shade
+from vlafuzz.worlds.manipulation.rigs import PANDA, Lights, Table
 from vlafuzz.worlds.tabletop.renderer import rendering_device
 from vlafuzz.worlds.tabletop.room import FRICTION
 
@@ -164,7 +164,7 @@ def add_table(scene: sapien.Scene, size: Table) -> sapien.Entity:
     if rendered:  # after the table: what it hides need not be shaded
         plain = RenderMaterial(base_color=[*WALL_COLOUR, 1.0], roughness=0.9, specular=0.0)
         for name, half, material, place in (
-            ("wall", (0.01, 3.0, 2.0), plain, (WALL, 0.0, size.floor + 2.0)),
+            ("wall", (0.01, 3.0, 2.0), plain, (size.wall, 0.0, size.floor + 2.0)),
             ("floor", (3.0, 3.0, 0.01), _painted(_tiles()), (0.0, 0.0, size.floor)),
         ):
             add_entity(scene, name, sapien.Pose(place), _box(half, material))
@@ -229,7 +229,7 @@ class BackdropPainter:
         self.backdrop = backdrop
 
 
-# A key light from the front left, and a weak one against it. All of it is as bright as the Panda's own lights.
+# A key light from the front left, and a weak one against it. With the tone curve, as bright as the Panda's own lights.
 STUDIO_LIGHTS = Lights(ambient=0.2, directional=(((-0.45, 0.5, -1.0), 1.0), ((-0.6, -0.5, -1.0), 0.25)))
 FINER = 2  # pixels of a side that are averaged to one: smooth edges
 
@@ -237,12 +237,14 @@ FINER = 2  # pixels of a side that are averaged to one: smooth edges
 class Studio:
     """A twin of what a camera of a scene shows, under lights that cast shadows, for pictures that people look at.
 
-    The simulated scene, its lights and its camera are left as they are, so what policies see does not change.
+    They are as bright as the robot's own lights, ``usual``. The simulated scene, its lights and its camera are left as
+    they are, so what policies see does not change.
     """
 
-    def __init__(self, device: sapien.Device, camera: sapien.render.RenderCameraComponent) -> None:
+    def __init__(self, device: sapien.Device, camera: sapien.render.RenderCameraComponent, usual: Lights) -> None:
         self._scene = sapien.Scene([sapien.render.RenderSystem(device)])
         self._lights = SceneLights(self._scene, STUDIO_LIGHTS, shadows=True)
+        self._usual = on_table(usual) / on_table(PANDA.lights)
         use_shaders()
         sapien.render.set_camera_shader_dir(str(_shader_pack(full=True)))
         twin = sapien.render.RenderCameraComponent(FINER * camera.width, FINER * camera.height)
@@ -264,7 +266,7 @@ class Studio:
         self.light(light)
 
     def light(self, intensity: float) -> None:
-        self._lights.apply(self._scene, intensity)
+        self._lights.apply(self._scene, self._usual * intensity)
 
     def picture(self) -> Picture:
         """``(height, width, 3)``: what the camera shows at present."""
