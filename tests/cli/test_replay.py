@@ -151,6 +151,7 @@ def test_a_recording_for_rerun_has_what_is_where_and_what_is_reached_in_seconds(
     assert last[2] - first[2] > 0.02  # metres: it is lifted
     assert rows["/world/camera"]
     assert any("Mesh3D:vertex_positions" in row for row in rows["/world/table"])
+    assert len(pytest.importorskip("rerun.chunk").RrdReader(recording).blueprints()) == 1
 
 
 @pytest.mark.parametrize("exact", [True, False])

@@ -99,12 +99,9 @@ class Exam:
         yield (check := verdicts.on_rollouts(outcomes, self._recorder.breaks))
         if check.verdict != "refuse":
             yield verdicts.on_nominal(outcomes)
-            yield self._wired()
-
-    def _wired(self) -> Check:
-        candidates = corrections(self._spec, self._recorder.longest)
-        self._done, self._most = 0, most_rollouts(candidates)
-        return check_wiring(self._outcomes, self._nominal, candidates, self._retry)
+            candidates = corrections(self._spec, self._recorder.longest)
+            self._done, self._most = 0, most_rollouts(candidates)
+            yield check_wiring(self._outcomes, self._nominal, candidates, self._retry)
 
     def _probed(self, *, quick: bool) -> Iterator[Check]:
         spec, recorder = self._spec, self._recorder

@@ -206,19 +206,17 @@ def rows(compared: Comparison) -> list[Row]:
     return [
         {
             "strategy": standing.strategy,
-            **{name: _told(mean) for name, mean in standing.means.items() if mean or name == "failures"},
+            **{
+                name: "–" if mean is None else f"{mean.value:.3g}" if mean.low is None else str(mean)
+                for name, mean in standing.means.items()
+                if mean or name == "failures"
+            },
             "failure probability": f"{percent(tells.value)} ({interval(tells.low or 0.0, tells.high or 0.0)})"
             if (tells := standing.probability)
             else "–",
         }
         for standing in compared.standings
     ]
-
-
-def _told(mean: Estimate | None) -> str:
-    if mean is None:
-        return "–"
-    return f"{mean.value:.3g}" if mean.low is None else str(mean)
 
 
 def sentences(compared: Comparison) -> list[str]:

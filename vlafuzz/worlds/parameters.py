@@ -82,11 +82,6 @@ class Parameter:
         return self.group or self.name
 
     @property
-    def is_smooth(self) -> bool:
-        """Whether there are values between two steps."""
-        return not self.options and self.kind != "integer"
-
-    @property
     def gene(self) -> Gene:
         path = PREFIX + self.name
         if self.options:

@@ -15,6 +15,7 @@ from vlafuzz.worlds.sight import Sight
 
 CAMERA, HAND = "world/camera", "world/hand"
 RADIUS = 0.004  # metres: of the hand's path, thinner than a finger
+BESIDE = np.array([-0.1, 0.7, 0.1])  # metres forward, left and up of the camera: it is in view, and hides nothing
 
 
 class RerunRecording(Recording):
@@ -56,8 +57,19 @@ class RerunRecording(Recording):
     def write(self, path: Path) -> None:
         """Write the recording of the last rollout; a UsageError if that does not work."""
         with writing(path), replacing(path) as unfinished:
-            self._stream.save(unfinished)
+            self._stream.save(unfinished, self._layout())
             self._stream.disconnect()
+
+    def _layout(self) -> Any:
+        """What is where, as from beside the camera; and what this shows, what is reached, and what touches what."""
+        view = self._rerun.blueprint
+        said = view.TextLogView(contents=["stage", "contacts"], name="stages and contacts")
+        beside = [view.Spatial2DView(origin=CAMERA), view.TimeSeriesView(origin="progress"), said]
+        if not self._way:
+            return view.Blueprint(view.Vertical(*beside), collapse_panels=True)
+        eye = view.EyeControls3D(position=self._eye, look_target=self._way[0], eye_up=[0, 0, 1])
+        world = view.Spatial3DView(origin="world", eye_controls=eye)
+        return view.Blueprint(view.Horizontal(world, view.Vertical(*beside)), collapse_panels=True)
 
     def _note(self, sight: Sight, episode: Episode) -> None:
         rerun, log = self._rerun, self._stream.log
@@ -67,6 +79,8 @@ class RerunRecording(Recording):
         height, width = self.frames[-1].shape[:2] if self.frames else (1, sight.camera.aspect)
         focus = float(height / (2 * np.tan(np.radians(sight.camera.fov) / 2)))
         log(CAMERA, rerun.Pinhole(focal_length=focus, width=width, height=height, image_plane_distance=0.2))
+        if not self._way:
+            self._eye = sight.camera.position + BESIDE @ sight.camera.axes
         self._way.append(sight.hand)
         log(HAND, rerun.Points3D([sight.hand], radii=2 * RADIUS))
         log(f"{HAND}/path", rerun.LineStrips3D([self._way], radii=RADIUS))

@@ -82,7 +82,7 @@ class ValuesSpace(Space):
         rng = np.random.default_rng([int(scene.digest, 16), number])
         values = self.values(scene)
         for one in self._world.parameters:
-            if one.is_smooth and one.operator in self.operators.varied:
+            if not one.options and one.kind != "integer" and one.operator in self.operators.varied:
                 path = PREFIX + one.name
                 moved = values[path] + one.step * float(rng.uniform(-0.5, 0.5))
                 values[path] = min(max(moved, one.low), one.high)

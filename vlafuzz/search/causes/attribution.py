@@ -155,7 +155,8 @@ class Attribution:
         """The tests of the cause, see ``Cause``; none unless each resets one operator, and to nominal."""
         assert self.cause is not None
         names = units.operators(self.cause)
-        if not units.from_nominal or len(names) < self.cause.sum() or (self.cause != self.scene).any():
+        nominal = all(units.reference == [gene.grid.nominal_level for gene in units.genes])
+        if not nominal or len(names) < self.cause.sum() or (self.cause != self.scene).any():
             return {}
         tests = {"": tuple(self._outcomes[self.cause.tobytes()])}
         for name, unit in zip(names, np.flatnonzero(self.cause), strict=True):

@@ -55,11 +55,6 @@ class Units:
         self._steps = np.array([gene.grid.step for gene in genes])
         self._lows = np.array([gene.grid.value(0) for gene in genes])
 
-    @property
-    def from_nominal(self) -> bool:
-        """Whether the reference is the nominal scene."""
-        return all(self.reference == [gene.grid.nominal_level for gene in self.genes])
-
     def operators(self, kept: Mask) -> tuple[str, ...]:
         """The operators of some units, each once."""
         return tuple(dict.fromkeys(unit.operator for unit, stays in zip(self.units, kept, strict=True) if stays))

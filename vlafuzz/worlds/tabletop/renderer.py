@@ -12,7 +12,6 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from vlafuzz.common.child import tried
-from vlafuzz.errors import PrerequisiteError
 
 HINT = (
     "install mesa-vulkan-drivers 24.3 or newer and libvulkan1, as scripts/setup does on Debian and Ubuntu; "
@@ -55,13 +54,6 @@ def probe(timeout: float = 120.0) -> Renderer:
 def probe_once() -> Renderer:
     """The result of the first probe of this process, which takes half a second."""
     return probe()
-
-
-def check_renderer() -> None:
-    """Raise a PrerequisiteError where no pictures can be drawn."""
-    renderer = probe_once()
-    if not renderer.works:
-        raise PrerequisiteError(f"pictures need a renderer: {renderer}", hint="`vlafuzz doctor` says what to install")
 
 
 def _draw() -> None:

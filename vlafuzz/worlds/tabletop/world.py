@@ -10,7 +10,7 @@ from vlafuzz.common import assets
 from vlafuzz.common.check import Check
 from vlafuzz.common.child import tried
 from vlafuzz.common.watch import Watch
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.model import Conditions, Rejection, Scene, Setting, Solver, Space, Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
@@ -83,7 +83,8 @@ class Tabletop(TableWorld):
         return {"packs": packs_json(packs_of(placement.object for placement in scene.placements))}
 
     def check_pictures(self) -> None:
-        renderer.check_renderer()
+        if not (probed := renderer.probe_once()).works:
+            raise PrerequisiteError(f"pictures need a renderer: {probed}", hint="`vlafuzz doctor` says what to install")
 
     def space_of(self, task: str, robot: str, operators: OperatorSet, packs: Sequence[Any]) -> SearchSpace:
         setup = rig(robot)
