@@ -17,7 +17,7 @@ from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.listed import listing_of_store
 from vlafuzz.failures.triage.pipeline import cause_findings, triage
 from vlafuzz.model import Mechanism, Outcome, Rate, Scene
-from vlafuzz.model.scene import Slide
+from vlafuzz.model.scene import Light, Slide
 from vlafuzz.report.cards import told
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of, view_of_store
@@ -26,6 +26,7 @@ from vlafuzz.search.probability import Probability
 from vlafuzz.search.severity import severity_of
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
+from vlafuzz.worlds.tabletop.space import SearchSpace
 
 SHARE, PROBABILITY = Probability(0.2, 0.15, 0.26), Probability(0.4, 0.3, 0.5)
 
@@ -149,10 +150,29 @@ def test_causes_that_act_through_one_quantity_are_listed_by_what_it_is_and_how_i
     shown = view_of_store(store)
     assert "fails when the target appears at least 11 px lower than usual" in render(shown)
     strip, (fails,) = shown.causes[0].strips[0], shown.causes[0].strips[0].fails
-    assert (strip.axis.name, strip.axis.nominal) == ("the target appears … lower than usual", 0)
+    assert (strip.axis.name, strip.axis.nominal) == ("the target appears …", 0)
+    assert [strip.axis.says(value) for value in (-3, 4)] == ["3 px higher than usual", "4 px lower than usual"]
     assert (fails.low, fails.high) == (11, math.inf)
     assert strip.axis.low <= strip.value <= strip.axis.high
     assert listed(store).document()["causes"][0]["mechanism"]["threshold"] == 11
+
+
+def test_a_certified_scene_that_a_quantity_does_not_tell_is_told_by_itself(store: Store):
+    higher = Mechanism("down", -11.0, False, ("camera-orientation +pitch",))
+    found = FoundCause(only("camera-orientation", 0), ("camera-orientation",), 9, SHARE, higher)
+    store.keep_causes(1, Attribution((found,)))
+    assert listed(store).causes[0].mechanism == higher
+    (cause,) = certified(store, TILTED).causes
+    assert (cause.bucket, cause.mechanism, cause.title[:21]) == ("minimal", None, "the camera turns left")
+
+
+def test_what_is_certified_in_one_of_the_ways_of_a_quantity_has_no_card_of_its_own(store: Store):
+    dark = only("light", 1)
+    certified(store, TILTED, DARK)
+    dim = Mechanism("brightness", 255.0, False, ("light dark", "camera-orientation +yaw"))
+    store.keep_causes(1, Attribution((FoundCause(dark, ("light",), 4, SHARE, dim),)))
+    (card,) = view_of_store(store).causes
+    assert only("camera-orientation", 0).digest in card.more
 
 
 def test_a_quantity_that_is_not_known_here_keeps_its_name(store: Store):
@@ -180,12 +200,14 @@ def test_a_report_begins_with_the_causes(store: Store):
 
 def test_failures_that_a_certified_cause_explains_are_counted_on_its_card(store: Store):
     usual, unexplained = Planted([DARK]).finding(9), only("wording", 3)
+    of_another_task = replace(SearchSpace(SPACE.operators, SPACE.catalogue, "put-on").nominal(), light=Light(0.06))
     store.add(1, ended(unexplained, proposal=9))
+    begun(store, ended(of_another_task), about=replace(MANIFEST, task="put-on"))
     certified(store, TILTED, DARK)
     shown = view_of_store(store)
     tilted, dark = shown.causes
     assert (tilted.more, dark.more) == ([only("camera-orientation", 2).digest], [usual.digest])
-    assert [card.of.scene for card in shown.failures] == [unexplained]
+    assert {card.of.scene for card in shown.failures} == {unexplained, of_another_task}
     page = render(shown)
     assert page.count("· also in 1 more scene") == 2
     assert page.count(f'[1,1,"{dark.id}",') == 2  # the dot of the other scene opens the card, too

@@ -102,6 +102,11 @@ def test_some_operators_only_are_enough(vary: tuple[str, ...]):
     assert found <= {("light",), ("confounders",), ("light", "confounders"), ("confounders", "light")}
 
 
+def test_confounders_may_keep_their_places_where_the_target_moves():
+    where = space("pick-up", "confounder-count", "target-position", "light")
+    assert ("light",) in operators(played(dark, 150, where=where))
+
+
 @pytest.mark.parametrize("count", ["{low: 2, high: 2, nominal: 2}", "{low: 1, high: 3, nominal: 1}"])
 def test_there_may_always_be_confounders_in_ranges_of_their_own(count: str, tmp_path: Path):
     (tmp_path / "own.yaml").write_text(

@@ -144,9 +144,7 @@ def _find_in_store(store: Store, digest: str | None, policy: str | None) -> Repl
                 rollout = trial.outcome.rollouts[0]
                 actions = rollout.actions if len(rollout.actions) else None
                 return Replayable(scene, run.manifest, rollout.states_hash, actions)
-    keys = {
-        triaged.policy_key for triaged in store.triaged() if scene in (triaged.shrunk, *triaged.counterparts.values())
-    }
+    keys = {row.policy_key for row in store.triaged() if scene in (row.shrunk, *row.counterparts.values())}
     manifest = next((run.manifest for run in runs if run.manifest.key() in keys), None)
     return _never_run(scene, policy) if manifest is None else Replayable(scene, manifest)
 

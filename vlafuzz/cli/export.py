@@ -30,9 +30,7 @@ def export(
     ],
     out: Annotated[Path, option("File to write; with --minimal or lerobot a new folder.")],
     run: Annotated[int | None, option("Only this run.", "all runs")] = None,
-    minimal: Annotated[
-        bool, option("A corpus: what is left of triaged failures, with proofs.", flag="--minimal")
-    ] = False,
+    minimal: Annotated[bool, option("A corpus: what is left of triaged failures, proven.", flag="--minimal")] = False,
     controls: Annotated[
         int | None,
         option(

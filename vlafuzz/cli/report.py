@@ -93,8 +93,7 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
     print_list([_lines(one, mixed=mixed) for one in shown], title=title)
     if not shown:
         print_lines("no failures")
-    if early := told(sum(one.before_event for one in listed)):
-        print_lines(early)
+    print_lines(told(sum(one.before_event for one in listed)))
     if len(shown) < len(listed):
         print_lines(f"{len(listed) - len(shown)} more: --limit 0 shows all of them")
     if shown:

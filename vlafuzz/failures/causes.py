@@ -91,6 +91,12 @@ class ListedCause:
             detail=of.detail,
         )
 
+    def explains(self, signature: str | None) -> bool:
+        """Whether a signature of its task is its own, or, of a certified cause, a way of its mechanism."""
+        ways = [way.replace(" ", ":") for way in self.mechanism.ways] if self.mechanism else []
+        own = self.bucket == "minimal" and str(signature).rpartition("|")[2] in ways
+        return own or signature == self.signature
+
     @property
     def says(self) -> str:
         """All but the conditions, in a line: stage, shares, evidence and scene."""
@@ -235,6 +241,9 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
         row = triaged.get(finding.scene)
         failure, types = described(store.path, finding, run.manifest, row), _target_types(space, cause, row)
         blamed = failure.operators if failure.bucket == "minimal" else cause.operators
+        if (through := cause.mechanism) and failure.bucket == "minimal":  # what is left may be another cause
+            amount = space.measured(failure.scene).get(through.quantity, through.threshold)
+            cause = replace(cause, mechanism=through if through.holds(np.array(amount)) else None)
         one = replace(
             ListedCause.of_failure(failure),
             title=_title(space, cause, types, failure),
@@ -252,6 +261,7 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
         if failure.bucket == "minimal" and cause.mechanism is None:
             taken = tuple(dict.fromkeys((*failure.operators, *[space.subject] * bool(types))))
             ranges.setdefault(key, Range(space, failure.scene, taken, failure.causes))
+    ranges = {key: one for key, one in ranges.items() if merged[key].mechanism is None}
     scenes = _random(store, run, set(kept.at_random))
     failing = [scene for scene, failed in scenes if failed]
     counts, unexplained = _explained(space, merged, ranges, failing)
@@ -287,8 +297,9 @@ def _explained(
     inside = {key: one.holds(failing) for key, one in ranges.items()} if failing else {}
     for key, cause in causes.items():
         if failing and cause.bucket == "minimal" and (through := cause.mechanism):
-            amounts = np.array([space.measured(scene).get(through.quantity, np.nan) for scene in failing])
-            inside[key] = amounts >= through.threshold if through.above else amounts <= through.threshold
+            inside[key] = through.holds(
+                np.array([space.measured(one).get(through.quantity, np.nan) for one in failing])
+            )
     counts = {key: int(held.sum()) for key, held in inside.items()}
     return counts, int((~np.any(list(inside.values()), axis=0)).sum()) if inside else len(failing)
 

@@ -94,11 +94,8 @@ def _in_order(failures: Iterable[DescribedFailure]) -> tuple[DescribedFailure, .
     """Failures by evidence, the most first, then by the frequency of the signature."""
     failures = list(failures)
     counts = Counter(one.signature for one in failures)
-
-    def rank(one: DescribedFailure) -> tuple[int, int, str]:
-        return BUCKETS.index(one.bucket), -counts[one.signature], one.signature or ""
-
-    return tuple(sorted(failures, key=rank))
+    frequent = sorted(failures, key=lambda one: (-counts[one.signature], one.signature or ""))
+    return tuple(sorted(frequent, key=lambda one: BUCKETS.index(one.bucket)))
 
 
 def _todo(store: Store, causes: Sequence[CauseList], runs: Sequence[Manifest]) -> tuple[tuple[str, str], ...]:

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from vlafuzz.common.arrays import Array, Mask
 from vlafuzz.model.scene import Real, Text
 
 
@@ -50,3 +51,7 @@ class Mechanism:
     above: bool
     ways: Annotated[tuple[Text, ...], Field(min_length=1, max_length=100)]
     swapped: bool = False
+
+    def holds(self, amounts: Array) -> Mask:
+        """Whether amounts of the quantity are beyond the threshold; NaN is not."""
+        return amounts >= self.threshold if self.above else amounts <= self.threshold

@@ -117,13 +117,12 @@ def _numbers(of: DescribedFailure | None, cause: ListedCause, failures: str) -> 
     if cause.share:
         yield percent(cause.share.value), f"of random scenes fail for this cause ({interval(*cause.share[1:])})"
     if of and of.rate:
-        counts = f"{of.rate.failures} of {of.rate.rollouts} rollouts fail with it"
+        rate, counts = percent(of.rate.share), f"{of.rate.failures} of {of.rate.rollouts} rollouts fail with it"
         if of.counterpart_rates:
-            without = min(of.counterpart_rates.values(), key=lambda rate: rate.share)
+            without = min(of.counterpart_rates.values(), key=lambda one: one.share)
+            rate += f" → {percent(without.share)}"
             counts += f", {without.failures} of {without.rollouts} without it"
-            yield f"{percent(of.rate.share)} → {percent(without.share)}", counts
-        else:
-            yield percent(of.rate.share), counts
+        yield rate, counts
     if cause.recovers:
         steps, _, rollouts = str(cause.recovers).partition(" (")
         yield steps, f"from the end of the event until the policy makes progress again ({rollouts}"
@@ -154,7 +153,9 @@ def _of_quantity(of: DescribedFailure, plot: Plot, cause: ListedCause | None) ->
     here, usual, *others = (space.measured(scene)[name] for scene in shown)
     if isfinite(here) and isfinite(usual):
         known = [here, usual, at, *filter(isfinite, others)]
-        axis = Axis(operator="", quantity=name, name=quantity.above.replace("≥ {}", "…"), unit=quantity.unit)
+        start, _, end = quantity.above.partition("≥ {}")
+        sides = (quantity.below.partition("{}")[2], end) if "≥" in quantity.below else None
+        axis = Axis(operator="", quantity=name, name=start + "…" + end * (not sides), unit=quantity.unit, sides=sides)
         fails = Band("", name, at if mechanism.above else -inf, inf if mechanism.above else at)
         yield Strip(replace(axis, low=min(known), high=max(known), nominal=usual), here, [fails])
 

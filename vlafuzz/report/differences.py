@@ -25,9 +25,7 @@ def view_of_difference(first: View, second: View, result: Difference) -> View:
     What both call alike has the name of its store or corpus behind it.
     """
     views = (first,) if first.source == second.source else (first, second)
-    names = Counter(
-        name for view in views for name in {one.name for one in view.heads} | {one.title for one in view.plots}
-    )
+    names = Counter(name for of in views for name in {one.name for one in of.heads} | {one.title for one in of.plots})
 
     def named(name: str, view: View) -> str:
         return f"{name}, {view.source}" if names[name] > 1 else name

@@ -51,9 +51,7 @@ def _plot_data(plot: Plot, view: View) -> dict[str, Any]:
     bands = [(band, card.title) for card, _ in shown for band in card.bands]
     axes = []
     for axis in plot.axes:
-        on = [
-            (band, title) for band, title in bands if (band.operator, band.quantity) == (axis.operator, axis.quantity)
-        ]
+        on = [(one, title) for one, title in bands if (one.operator, one.quantity) == (axis.operator, axis.quantity)]
         ranges = [[max(band.low, axis.low), min(band.high, axis.high), title] for band, title in on]
         axes.append(asdict(axis) | {"id": axis.id, "bands": ranges})
     return {

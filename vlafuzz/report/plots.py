@@ -32,6 +32,7 @@ class Axis:
 
     Attributes:
         quantity: see ``Space.quantity``.
+        sides: what stands behind amounts below and above zero in place of their sign.
         low, high, nominal: the range; of names the indices in ``options``.
         log: drawn by its logarithm.
         curve: failure rates of random scenes at places of the axis; ``bars``: of each option.
@@ -41,6 +42,7 @@ class Axis:
     quantity: str
     name: str
     unit: str = ""
+    sides: tuple[str, str] | None = None
     low: float = 0.0
     high: float = 1.0
     nominal: float = 0.0
@@ -61,6 +63,8 @@ class Axis:
 
     def says(self, value: float) -> str:
         """A value with its unit."""
+        if self.sides:
+            return f"{abs(value):.3g}{self.unit}{self.sides[value > 0]}"
         return f"× {value:.3g}" if self.unit == "×" else f"{value:.3g}{self.unit}"
 
     def value(self, space: Space, scene: Scene) -> float | None:

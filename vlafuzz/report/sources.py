@@ -41,7 +41,7 @@ def view_of_store(store: Store) -> View:
     plots = [_plot(store, group) for group in groups]
     of_run = {run.id: plot for group, plot in zip(groups, plots, strict=True) for run in group}
     found = list(_shown(listing, runs))
-    more, others = _explained(listing, [of for _, of, _ in found if of])
+    more, others = _explained(listing, [(cause, of) for cause, of, _ in found if of])
     causes = (
         card_of(store.path, f"cause-{at}", of, of_run.get((of and of.number) or 0), cause, failures, more.get(of, ()))
         for at, (cause, of, failures) in enumerate(found, start=1)
@@ -96,21 +96,23 @@ def _shown(listing: Listing, runs: Sequence[Run]) -> Iterator[tuple[ListedCause,
 
     Then what is certified without being in a list, as of random scenes, one failure for each signature.
     """
-    policies = {run.id: run.manifest.key() for run in runs}
-    failures, told = {(digest, one.run.key()): one for one in listing.failures for digest in one.found}, set[str]()
+    owners = {run.id: (run.manifest.key(), run.manifest.task) for run in runs}
+    failures = {(digest, one.run.key()): one for one in listing.failures for digest in one.found}
+    told = list[tuple[tuple[str, str], ListedCause]]()
     for found in listing.causes:
         for cause in found.causes:
-            keys = ((digest, policies[found.run]) for digest in cause.found)
-            told.add(policies[found.run] + str(cause.signature))
+            keys = ((digest, owners[found.run][0]) for digest in cause.found)
+            told.append((owners[found.run], cause))
             yield cause, next((failures[key] for key in keys if key in failures), None), found.all_failures
     for one in listing.failures:
-        if one.bucket == "minimal" and (name := one.run.key() + str(one.signature)) not in told:
-            told.add(name)
-            yield ListedCause.of_failure(one), one, ""
+        own, cause = (one.run.key(), one.run.task), ListedCause.of_failure(one)
+        if one.bucket == "minimal" and not any(of == own and other.explains(one.signature) for of, other in told):
+            told.append((own, cause))
+            yield cause, one, ""
 
 
 def _explained(
-    listing: Listing, shown: Sequence[DescribedFailure]
+    listing: Listing, shown: Sequence[tuple[ListedCause, DescribedFailure]]
 ) -> tuple[dict[DescribedFailure | None, list[DescribedFailure]], list[DescribedFailure]]:
     """For each failure that shows a cause those that it explains as well, and those that no cause explains.
 
@@ -118,12 +120,14 @@ def _explained(
     """
     ranges = {(found.of, scene): one for found in listing.causes for scene, one in found.ranges.items()}
     more = dict[DescribedFailure | None, list[DescribedFailure]]()
-    left = [one for one in listing.failures if one not in shown]
-    for of in shown:
-        alike = [one for one in left if of.bucket == "minimal" and one.run.key() == of.run.key()]
+    cards = [of for _, of in shown]
+    left = [one for one in listing.failures if one not in cards]
+    for cause, of in shown:
+        own = of.run.key(), of.run.task
+        alike = [one for one in left if of.bucket == "minimal" and (one.run.key(), one.run.task) == own]
         within = ranges.get((title_of([of.run]), of.scene.digest))
         seen = [one for one in alike if one.bucket == "observed"] if within else []
-        more[of] = [one for one in alike if one.bucket == "minimal" and one.signature == of.signature]
+        more[of] = [one for one in alike if one.bucket == "minimal" and cause.explains(one.signature)]
         more[of] += compress(seen, within.holds([one.scene for one in seen])) if within else ()
         left = [one for one in left if one not in more[of]]
     return more, left

@@ -32,9 +32,7 @@ def is_built_in(name: str) -> bool:
 def known_policies() -> dict[str, str]:
     """Name → description, one sentence each."""
     named: dict[str, Any] = built_in() | {kind.form: kind for kind in map(client, SERVERS)}
-    return {
-        name: (inspect.getdoc(factory) or "").split("\n\n")[0].replace("\n", " ") for name, factory in named.items()
-    }
+    return {name: (inspect.getdoc(make) or "").split("\n\n")[0].replace("\n", " ") for name, make in named.items()}
 
 
 def check_policy_name(name: str) -> None:

@@ -21,9 +21,7 @@ def known_worlds() -> dict[str, World]:
     """The worlds that come with vlafuzz: the folders here with a module ``world``; the usual one first."""
     names = (module.name for module in pkgutil.iter_modules(__path__))
     found = (name for name in names if (Path(__file__).parent / name / "world.py").is_file())
-    worlds: dict[str, World] = {
-        name.replace("_", "-"): import_module(f"{__name__}.{name}.world").WORLD for name in found
-    }
+    worlds: dict[str, World] = {one.replace("_", "-"): import_module(f"{__name__}.{one}.world").WORLD for one in found}
     return dict(sorted(worlds.items(), key=lambda item: not item[1].usual))
 
 

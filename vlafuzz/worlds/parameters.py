@@ -186,8 +186,6 @@ def _usual_step(low: float, high: float) -> float:
     return round(max(factor * power for factor in (1, 2, 5) if factor * power <= finest * (1 + 1e-9)), 9)
 
 
-def _stored(parameter: Parameter) -> dict[str, Any]:
-    defaults = Parameter(parameter.name, -1.0, 1.0)
-    return {
-        key: value for key, value in asdict(parameter).items() if key not in _LATER or value != getattr(defaults, key)
-    }
+def _stored(one: Parameter) -> dict[str, Any]:
+    defaults = Parameter(one.name, -1.0, 1.0)
+    return {key: value for key, value in asdict(one).items() if key not in _LATER or value != getattr(defaults, key)}

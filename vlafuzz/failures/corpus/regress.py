@@ -258,9 +258,7 @@ def compare(
 
 def _order(probes: Sequence[Probe], repeats: Sequence[int] | None) -> list[tuple[int, int]]:
     """Indices of scenes with the number of the repeat: controls, then the others round by round."""
-    of = {
-        index: repeats[index] if repeats else REPEATS for index, probe in enumerate(probes) if probe.group != "control"
-    }
+    of = {index: repeats[index] if repeats else REPEATS for index, one in enumerate(probes) if one.group != "control"}
     rounds = range(max(of.values(), default=0))
     others = [(index, repeat) for repeat in rounds for index in of if repeat < of[index]]
     return [(index, 0) for index in range(len(probes)) if index not in of] + others

@@ -259,9 +259,7 @@ class Oracle:
         tallies = [self._tally(scene) for scene in scenes]
         judged: list[Judged | None] = [*self._draw(tallies[: self.room])]
         judged += [None] * (len(scenes) - len(judged))
-        return [
-            answer.lost in self.counted if answer and answer.verdict >= Verdict.PASSED else None for answer in judged
-        ]
+        return [one.lost in self.counted if one and one.verdict >= Verdict.PASSED else None for one in judged]
 
     def _ahead(self, failures: int, rollouts: int) -> float:
         """Failures more than passes, each weighed by what it tells."""

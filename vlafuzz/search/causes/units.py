@@ -152,7 +152,7 @@ class Units:
         squares = [(at[:, around] - at[:, [target]]) ** 2 for target, around in self._axes]
         distances = np.sqrt(np.sum(squares, axis=0))
         used = np.arange(distances.shape[1]) < self._number(levels)[:, None]
-        return np.asarray(np.where(used, distances, np.inf).min(axis=1))
+        return np.asarray(np.where(used, distances, np.inf).min(axis=1, initial=np.inf))
 
     def _number(self, levels: NDArray[np.int64]) -> Array:
         """``(n,)`` of confounders; 0 where it does not vary."""

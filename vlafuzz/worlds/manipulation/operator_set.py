@@ -56,9 +56,7 @@ class OperatorSet:
         varied = dict.fromkeys(name for given in names for name in (EVENTS if given == "events" else (given,)))
         for name in varied:
             check_choice("operator", name, OPERATORS)
-        idle = [
-            name for name in varied if name.startswith(("confounder-", "newcomer")) and name != ConfounderCount.name
-        ]
+        idle = [one for one in varied if one.startswith(("confounder-", "newcomer")) and one != ConfounderCount.name]
         if idle and ConfounderCount.name not in varied and self.get(ConfounderCount).nominal == 0:
             problem = f"{idle[0]}: there is no confounder to vary while {ConfounderCount.name} stays 0"
             hint = f"vary {ConfounderCount.name} as well, or give it another nominal value in a file"
@@ -78,9 +76,7 @@ class OperatorSet:
     @cached_property
     def decisive(self) -> dict[str, Operator]:
         """The operators without extras that do not vary: those decide nothing."""
-        return {
-            name: operator for name, operator in self.operators.items() if name in self.varied or name not in EXTRAS
-        }
+        return {name: one for name, one in self.operators.items() if name in self.varied or name not in EXTRAS}
 
     @property
     def conditions(self) -> dict[str, Any]:
