@@ -364,7 +364,7 @@ def _title(space: Space, cause: FoundCause, types: Sequence[str], failure: Descr
         said = quantity.says(cause.mechanism.threshold, above=cause.mechanism.above)
         return said.replace("≥", "at least").replace("≤", "at most")
     if failure is None:
-        return f"{' and '.join(map(spoken, cause.operators))} {'differ' if len(cause.operators) > 1 else 'differs'}"
+        return f"there is a change of {' and '.join(map(spoken, cause.operators))}"
     blamed = failure.operators if failure.bucket == "minimal" else cause.operators
     parts = [part.clause for part in failure.deviations if part.operator in blamed]
     target = [f"the target is {' and '.join(types)}"] if types else []
