@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """The pictures of docs/operators.md: each operator at three values in one scene, the tasks, and the objects.
 
-Only fair scenes are drawn, and one machine draws the same bytes every time. LIBERO's need `.venv-libero`.
+Only fair scenes are drawn, and one machine draws the same bytes every time. LIBERO's need `.venv-libero`. With
+`--only robots`, that of docs/packs.md, which needs the robots' files in VLAFUZZ_PACKS.
 """
 
 from __future__ import annotations
@@ -52,9 +53,9 @@ class Eye(Frozen):
 class Studio:
     """Draws fair scenes of one task."""
 
-    def __init__(self, task: str) -> None:
+    def __init__(self, task: str, robot: str | None = None) -> None:
         self.world = world_of(task)
-        robot = next(iter(self.world.robots))
+        robot = robot or next(iter(self.world.robots))
         space = self.world.space(task, robot)
         assert isinstance(space, TableSpace)
         self.space, self.conditions = space, Conditions(task=task, robot=robot)
@@ -150,6 +151,7 @@ def strip(panels: Sequence[Panel], columns: int = 3) -> Image.Image:
 def objects() -> Image.Image:
     """All objects of the tabletop, each in its first rest pose in the middle of the table."""
     studio, catalogue, side = Studio("pick-up"), load_catalogue(), 3 * SIDE
+    studio.conditions = replace(studio.conditions, world={"quality": "full"})  # with shadows
     names = catalogue.names()
     poses = [catalogue[name].stable_poses[0].name for name in names]
     nominal = studio.scene({})
@@ -162,6 +164,18 @@ def objects() -> Image.Image:
     pictures = studio.seen(alone, side, fair=False)  # plates and cloths are nothing to pick up
     crops = [picture[top - half : top + half, left - half : left + half] for picture in pictures]
     return strip([(crop, name.replace("_", " ")) for crop, name in zip(crops, names, strict=True)], columns=5)
+
+
+def robots() -> Image.Image:
+    """The two robots of VLATest with a thing in the hand, from the rollouts of the expert."""
+    frames = [
+        frames[round(share * (len(frames) - 1))]
+        for robot, task, share in (("widowx", "put-on", 0.5), ("google", "pick-up", 1.0))
+        for studio in [Studio(task, robot)]
+        for frames in [studio.rolled_out(studio.scene({}))]
+    ]
+    gap = np.full((SIDE, GAP, 3), 255, dtype=np.uint8)
+    return Image.fromarray(np.concatenate([frames[0], gap, frames[1]], axis=1))
 
 
 def tasks() -> Iterator[tuple[str, Image.Image]]:
@@ -188,7 +202,7 @@ def save(picture: Image.Image, name: str, out: Path, scale: float = 1.0) -> None
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("task", choices=("pick-up", "libero_object/0"), help="whose operators to draw")
-    parser.add_argument("--only", nargs="*", default=[], help="these operators, `tasks` or `objects`")
+    parser.add_argument("--only", nargs="*", default=[], help="these operators, `tasks`, `objects` or `robots`")
     parser.add_argument("--out", type=Path, default=OUT, help="folder for the JPEGs")
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
@@ -204,6 +218,8 @@ def main() -> None:
             save(picture, task, options.out)
     if not options.only or "objects" in options.only:
         save(objects(), "objects", options.out, scale=0.6)
+    if "robots" in options.only:
+        save(robots(), "robots", options.out)
 
 
 if __name__ == "__main__":
