@@ -50,6 +50,13 @@ def test_another_policy_is_another_trajectory(store, capsys):
     assert (report["verdict"], report["same trajectory as stored"]) == ("passed", None)
 
 
+def test_a_scene_that_was_never_run_is_shown_as_a_run_of_the_policy_shows_it(tmp_path):
+    write_scenes(tmp_path / "s.jsonl", [nominal("pick-up")])
+    policies = "openpi:ws://gpu:8000", "mini", None
+    kept = [find(tmp_path / "s.jsonl", policy=policy).conditions.world for policy in policies]
+    assert kept == [{"quality": "full"}, {}, {}]
+
+
 def test_who_sees_nothing_is_told_of_before_the_rollout(tmp_path, capsys, monkeypatch):
     write_scenes(tmp_path / "s.jsonl", [nominal("pick-up")])
     monkeypatch.setattr("vlafuzz.worlds.tabletop.sim.env.ManiSkillEvaluator.evaluate", None)
