@@ -111,7 +111,7 @@ def test_a_page_follows_what_is_written_and_ends_as_it_is_to_stay(monkeypatch, c
         assert "open a.html" in typed(capsys, ["report", "a.db", "--follow"]).err
     told = [f"searching: {done} of 50 rollouts done</b> at " in page for done, page in enumerate(pages)]
     assert told == [True, True]
-    refreshed = ['<meta http-equiv="refresh"' in page for page in (*pages, Path("a.html").read_text())]
+    refreshed = ['id="follow" value="10"' in page for page in (*pages, Path("a.html").read_text())]
     assert refreshed == [True, True, False]
 
 

@@ -6,26 +6,30 @@ import tarfile
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import pytest
 
+from tests.doubles import begun, ended
 from tests.failures.corpus.sides import Planned
+from tests.failures.triage.planted import SPACE
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from vlafuzz.failures.corpus.diff import diff, known
 from vlafuzz.lab.comparison import Counted, compare_runs, view_of_comparison
 from vlafuzz.report.differences import view_of_difference
 from vlafuzz.report.films import beside, filmed, of_both
 from vlafuzz.report.page import render
+from vlafuzz.report.sources import view_of_store
+from vlafuzz.store.store import Store
 
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: it comes with .[dev]")
 CHROMIUM = shutil.which("chromium")
+PAGES = ["report", "diff", "compare", "live"]
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
 
 
 @pytest.fixture(scope="module")
 def addresses(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """The pages of ``report``, ``diff`` and ``compare``."""
+    """The pages of ``report``, ``diff``, ``compare`` and of a run that goes on."""
     folder = tmp_path_factory.mktemp("pages")
     source, films = store(folder / "a.db", triaged=1), MadeUpFilms()
     shown, of_one = view(source), partial(beside, films)
@@ -35,6 +39,9 @@ def addresses(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     names = {name: [card.of.signature for card in shown.causes[:most]] for most, name in enumerate(("random", "nsga2"))}
     runs = [Counted(run=1, strategy=name, seed=0, signatures=found, **judged) for name, found in names.items()]
     comparison = compare_runs(runs, list(names), MANIFEST, store="a.db", limit=200)
+    with Store.open(source, "write") as opened:
+        begun(opened, ended(SPACE.nominal()), about=MANIFEST)
+        (folder / "live.html").write_text(render(view_of_store(opened), refresh=600), encoding="utf-8")
     views = {
         "report": (shown, of_one),
         "diff": (view_of_difference(shown, shown, difference), partial(of_both, ("idle", "other"), (films, films))),
@@ -42,7 +49,7 @@ def addresses(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     }
     for name, (one, shots_of) in views.items():
         (folder / f"{name}.html").write_text(render(filmed(one, shots_of, 50, lambda *_: None)), encoding="utf-8")
-    return {name: (folder / f"{name}.html").as_uri() for name in views}
+    return {name: (folder / f"{name}.html").as_uri() for name in PAGES}
 
 
 @pytest.fixture(scope="module")
@@ -152,15 +159,8 @@ def test_everything_that_can_be_clicked_can_be_reached_by_keyboard(page: "sync.P
     for _ in range(150):
         page.keyboard.press("Tab")
         reached.add(page.evaluate("document.activeElement.outerHTML.slice(0, 60)"))
-    for part in (
-        '<a href="#method"',
-        '<button type="button" class="badge',
-        '<button type="button" class="play',
-        "<input type=",
-        "<summary>",
-        "<select",
-    ):
-        assert any(one.startswith(part) for one in reached), part
+    for part in ("#method", 'class="badge', 'class="term"', 'class="play"', "<input type=", "<summary>", "<select"):
+        assert any(part in one for one in reached), part
 
 
 def test_the_hand_s_path_is_that_of_the_camera_that_the_film_shows_at_the_moment(page: "sync.Page"):
@@ -179,6 +179,13 @@ def test_dragging_along_a_row_of_lines_chooses_a_range_of_its_axis(page: "sync.P
     page.mouse.move(box["x"] + box["width"] * 0.6, box["y"] + 9)
     page.mouse.up()
     page.get_by_label(f"Highest {name}").wait_for(timeout=5000)
+
+
+def test_a_map_is_red_where_random_scenes_fail_blue_where_they_pass_and_bare_elsewhere(page: "sync.Page"):
+    scenes = [{"random": 1, "failed": x > 4, "x": x, "y": y} for x in range(11) for y in range(6)]
+    cells = page.evaluate("(all) => ground(all, {low: 0, high: 10}, {low: 0, high: 20}, 24)", scenes)
+    share = {cell["x1"] < 5: cell["fill"].split("%")[0].split()[-1] for cell in cells if not 1 < cell["x1"] < 9}
+    assert (share, max(cell["y2"] for cell in cells) < 15) == ({True: "0", False: "100"}, True)
 
 
 def test_a_dot_opens_its_card(page: "sync.Page"):
@@ -205,7 +212,7 @@ def test_method_is_folded_up_until_it_is_asked_for(page: "sync.Page"):
     page.get_by_text("stages reached").wait_for(state="visible")
 
 
-@pytest.mark.parametrize("page", ["report", "diff", "compare"], indirect=True)
+@pytest.mark.parametrize("page", PAGES, indirect=True)
 @pytest.mark.parametrize("width", [420, 1400])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_nothing_is_wider_than_the_window(page: "sync.Page", width: int, scheme):
@@ -227,7 +234,7 @@ def test_the_sentence_and_the_first_films_are_on_the_first_screen(page: "sync.Pa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["report", "diff", "compare"], indirect=True)
+@pytest.mark.parametrize("page", PAGES, indirect=True)
 @pytest.mark.parametrize("width", [420, 1400])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_no_violation_with_everything_unfolded(page: "sync.Page", axe: str, width: int, scheme):
@@ -239,8 +246,9 @@ def test_axe_finds_no_violation_with_everything_unfolded(page: "sync.Page", axe:
     assert [(one["id"], one["nodes"][0]["html"]) for one in found["violations"]] == []
 
 
-def test_in_print_there_are_two_pages_without_controls(page: "sync.Page", tmp_path: Path):
+@pytest.mark.parametrize("page", PAGES, indirect=True)
+def test_in_print_there_are_two_pages_without_controls(page: "sync.Page"):
     page.emulate_media(media="print")
     assert not page.locator(".filters").is_visible()
-    assert not page.locator(".play").first.is_visible()
+    assert not any(one.is_visible() for one in page.locator(".play").all())
     assert page.pdf(format="A4").count(b"/Type /Page\n") <= 2

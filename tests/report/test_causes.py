@@ -167,10 +167,9 @@ def test_a_certified_scene_that_a_quantity_does_not_tell_is_told_by_itself(store
 
 
 def test_what_is_certified_in_one_of_the_ways_of_a_quantity_has_no_card_of_its_own(store: Store):
-    dark = only("light", 1)
     certified(store, TILTED, DARK)
     dim = Mechanism("brightness", 255.0, False, ("light dark", "camera-orientation +yaw"))
-    store.keep_causes(1, Attribution((FoundCause(dark, ("light",), 4, SHARE, dim),)))
+    store.keep_causes(1, Attribution((FoundCause(only("light", 1), ("light",), 4, SHARE, dim),)))
     (card,) = view_of_store(store).causes
     assert only("camera-orientation", 0).digest in card.more
 

@@ -73,7 +73,7 @@ def filmed(view: View, shots_of: ShotsOf, limit: int, watch: Callable[[int, int]
     shown = [shot.film for several in shots.values() for shot in several if shot.kind == "fails" and shot.film]
     notes = list(view.notes)
     if passed := sum(not film.failed for film in shown):
-        reason = "policy, simulator or machine differ from those of the run, or the policy is stochastic"
+        reason = "it fails in scenes that hardly differ, or is stochastic, or simulator or machine are other ones"
         notes.append(f"In {passed} of {plural(len(shown), 'film')} the policy passes: {reason}.")
     return replace(view, causes=causes, failures=failures, notes=tuple(notes))
 

@@ -206,6 +206,10 @@ function unfold() {
 addEventListener("hashchange", unfold);
 unfold();
 
+// The page of a run that goes on loads itself again.
+const follow = document.getElementById("follow");
+if (follow) setInterval(() => follow.checked && location.reload(), 1000 * follow.value);
+
 // Commands can be copied.
 for (const button of all(".copy"))
   button.addEventListener("click", async () => {

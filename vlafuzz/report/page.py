@@ -30,13 +30,17 @@ def render(view: View, *, refresh: int | None = None) -> str:
     Args:
         refresh: seconds after which the browser loads it again.
     """
-    made = [shot.film for card in view.cards for shot in card.shots if shot.film]
-    films = {film_id(film): _encoded(film.video) for film in made}
+    shown = [shot.film for card in view.cards for shot in card.shots if shot.film]
+    films = {film_id(film): _encoded(film.video) for film in shown}
     page = environment().get_template("page.html.j2")
     plots = [_plot_data(plot, view) for plot in view.plots]
-    return page.render(
+    made = page.render(
         view=view, plots=_script(plots), films=_script(films), speed=FILM_SPEED, version=__version__, refresh=refresh
     )
+    for source in map(Path, view.source.split(", ")):
+        if source.is_absolute() and source.parent.name:
+            made = made.replace(f"{source.parent}/", "")  # a page is sent around
+    return made
 
 
 def film_id(film: Film) -> str:

@@ -195,13 +195,15 @@ function linked(link, card) {
 function parallel(plot, axes, width) {
   const shown = plot.points.filter(([, random]) => random).sort(([one], [other]) => one - other);
   const bad = shown.filter(([failed]) => failed).length;
-  const size = { ...MARGINS, width, height: 38 * axes.length + 10, marginLeft: 0.36 * width, marginTop: 20, marginBottom: 24 };
+  const narrow = width === WIDE; // names stand above the axes, not beside them
+  const size = { ...MARGINS, width, height: (narrow ? 44 : 38) * axes.length + 10, marginLeft: narrow ? 10 : 0.36 * width, marginTop: 24, marginBottom: 24 };
   const flat = ({ log }, value) => (log ? Math.log(value) : value);
   const share = (axis, value) => (flat(axis, value) - flat(axis, ends(axis)[0])) / (flat(axis, ends(axis)[1]) - flat(axis, ends(axis)[0]));
   const corners = shown.flatMap(([failed, , , ...values], scene) =>
     axes.map((axis, row) => ({ failed, scene, row, value: values[plot.axes.indexOf(axis)], axis })).filter(({ value }) => value !== null),
   );
   const bands = axes.flatMap((axis, row) => axis.bands.map(([low, high, title]) => ({ row, title, low: share(axis, low), high: share(axis, high) })));
+  const beside = { y: (_, row) => row, dx: narrow ? 0 : -8 };
   const limits = ({ options, low, high, ...axis }) => (options.length ? [options[0], options.at(-1)] : [low, high].map((end) => written({ options, ...axis }, end)));
   const picture = drawn(`${bad} of ${shown.length} random scenes that fail, by ${axes.map(({ name }) => name).join(", ")}`, "img", {
     ...size,
@@ -219,8 +221,8 @@ function parallel(plot, axes, width) {
         strokeOpacity: 0.6,
         strokeWidth: 1,
       }),
-      Plot.text(axes, { x: 0, y: (_, row) => row, dx: -8, dy: -6, textAnchor: "end", text: ({ name }) => cut(name, 0.055 * width), className: "name" }),
-      Plot.text(axes, { x: 0, y: (_, row) => row, dx: -8, dy: 7, textAnchor: "end", text: (axis) => limits(axis).map((end) => cut(end, 0.026 * width)).join(" to ") }),
+      Plot.text(axes, { ...beside, x: 0, dy: narrow ? -12 : -6, textAnchor: narrow ? "start" : "end", text: ({ name }) => cut(name, narrow ? 34 : 38), className: "name" }),
+      Plot.text(axes, { ...beside, x: narrow ? 1 : 0, dy: narrow ? -12 : 7, textAnchor: "end", text: (axis) => limits(axis).map((end) => cut(end, 17)).join(" to "), className: "limits" }),
     ],
   });
   const [x, y] = ["x", "y"].map((name) => picture.scale(name));
