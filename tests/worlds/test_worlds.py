@@ -46,6 +46,8 @@ def test_what_names_no_task_is_refused(world: str, task: str | None, problem: st
 
 
 def test_an_operator_that_has_nothing_to_vary_on_the_tabletop_is_refused():
+    with pytest.raises(UsageError, match="exposure: it follows the light, which does not vary"):
+        world_of("pick-up").space("pick-up", "panda", vary=["exposure"])
     with pytest.raises(UsageError, match="initial-state: nothing of pick-up varies so"):
         world_of("pick-up").space("pick-up", "panda", vary=["initial-state"])
 

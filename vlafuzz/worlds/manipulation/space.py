@@ -308,6 +308,11 @@ class TableWorld(World):
         for name in sorted(idle):
             hint = f"known: {', '.join(sorted(offered))}"
             raise UsageError(f"{name}: nothing of {space.task.name} varies so", hint=hint)
+        lit = {kinds.Light.name, "light-switch"} & space.operators.varied or ranges.get(
+            kinds.Light
+        ).intensity.nominal != 1
+        if "exposure" in vary and not lit:
+            raise UsageError("exposure: it follows the light, which does not vary", hint="vary light as well")
         return space
 
     def maps(self, task: str) -> list[SceneMap]:
