@@ -241,10 +241,10 @@ def sentences(compared: Comparison) -> list[str]:
 
 
 def view_of_comparison(compared: Comparison, view: View) -> View:
-    """The view of its store with one card for each certified cause, those of most runs first."""
+    """The view of its store with one card for each cause that compared runs certified, those of most runs first."""
     cards = {card.of.signature: card for card in reversed(view.causes) if card.of and card.of.bucket == "minimal"}
     found = {name: [one.causes.get(name or "", 0) for one in compared.standings] for name in cards}
-    ordered = sorted(cards, key=lambda name: -sum(found[name]))
+    ordered = sorted(filter(lambda name: any(found[name]), cards), key=lambda name: -sum(found[name]))
     names = [standing.strategy for standing in compared.standings]
     says, *tests = sentences(compared)
     causes = tuple(
