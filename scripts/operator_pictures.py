@@ -210,7 +210,7 @@ def main() -> None:
     prefix = "libero-" if options.task.startswith("libero") else ""
     for name, values in (drawn["everywhere"] | drawn[options.task]).items():
         if not options.only or name in options.only:
-            save(studio.operator(name, values), prefix + name, options.out)
+            save(studio.operator(name, values), prefix + name, options.out, scale=0.75 if name == "events" else 1.0)
     if prefix:
         return
     if not options.only or "tasks" in options.only:
