@@ -8,6 +8,7 @@ from tests.cli.typed import typed
 from tests.worlds import carts, later_defects
 from vlafuzz.common.check import Check
 from vlafuzz.stored import StoredResults
+from vlafuzz.worlds import soundness
 from vlafuzz.worlds.soundness import examine
 
 MODULE = "python:tests.worlds.carts"
@@ -75,6 +76,12 @@ def test_what_a_refusal_leaves_unchecked_is_named():
     *_, refused, last = examine(carts.KeepsState(), "reach", f"{MODULE}:KeepsState")
     assert (refused.check, last.check) == ("repeats", "not checked")
     assert last.found == "processes, values, effects, nominal, start, expert, pictures"
+
+
+def test_values_for_which_no_time_was_left_are_named(monkeypatch):
+    monkeypatch.setattr(soundness, "LONG", 0.0)
+    last = findings("Carts")["not checked"]
+    assert last.found == "the effects of mass, mark, slope, floor"
 
 
 def test_doctor_checks_a_world_also_in_another_process(capsys):

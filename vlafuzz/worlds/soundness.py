@@ -5,9 +5,9 @@ import random
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import chain, combinations, pairwise, takewhile, zip_longest
 from multiprocessing import get_context
 from typing import Any, Self
@@ -27,6 +27,7 @@ STEPS = 40  # of a rollout with random actions, at most
 SIMULATORS = 8  # that the brief checks make
 SCENES, SECONDS, MOST = 20, 30.0, 3 / 4  # random scenes of the expert, until when one begins, the share to solve
 PLACES = 9  # values of a range that are tried, evenly spaced
+LONG = 180.0  # seconds after which no other value is begun: with pictures on a CPU, one may take minutes
 SEED = 7
 BEFORE_ALL = ("world", "resets", "steps", "repeats")  # checks without which the others mean nothing
 GLOBAL = "it draws from numpy.random or random, which no seed reaches: draw from env.np_random"
@@ -39,7 +40,6 @@ class Trace:
     """Fingerprints of a rollout, from its reset on; ``applied``: what the simulator says that it has."""
 
     states: tuple[bytes, ...]
-    picture: bytes
     applied: Values
     solved: bool
     finite: bool
@@ -60,30 +60,34 @@ def examine(world: World, task: str, reference: str = "", *, brief: bool = False
     if not isinstance(world, ValuesWorld):
         raise UsageError("this world comes with vlafuzz, whose tests check it", hint="name one of your own")
     exam = _Exam(world, task, reference, brief=brief)
-    first = (exam.resets, exam.steps, exam.repeats, *([exam.processes] if reference else []))
-    others = () if brief else (exam.values, exam.effects)
-    checks = (*first, *others, exam.nominal, exam.start, exam.expert, exam.pictures)
-    for number, check in enumerate(checks, start=1):
-        try:
-            finding = check()
-        except VlafuzzError as error:
-            finding = Check("world", error.message, "refuse", error.hint or "")
-        except Exception as error:  # of the user's code, or of the simulator
-            frame = traceback.extract_tb(error.__traceback__)[-1]
-            found = sentence(f"it raises {type(error).__name__}: {error}")
-            finding = Check("world", found, "refuse", f"mend {frame.filename}, line {frame.lineno}")
-        yield finding
-        if finding.verdict == "refuse" and finding.check in BEFORE_ALL:
-            if left := ", ".join(other.__name__ for other in checks[number:]):
-                yield Check("not checked", left, "warn", "mend what is refused first")
-            return
+    others = (*([exam.processes] if reference else []), *(() if brief else (exam.values, exam.effects)))
+    checks = (exam.resets, exam.steps, exam.repeats, *others, exam.nominal, exam.start, exam.expert, exam.pictures)
+    with closing(exam.kept):
+        for number, check in enumerate(checks, start=1):
+            try:
+                finding = check()
+            except VlafuzzError as error:
+                finding = Check("world", error.message, "refuse", error.hint or "")
+            except Exception as error:  # of the user's code, or of the simulator
+                frame = traceback.extract_tb(error.__traceback__)[-1]
+                found = sentence(f"it raises {type(error).__name__}: {error}")
+                finding = Check("world", found, "refuse", f"mend {frame.filename}, line {frame.lineno}")
+            yield finding
+            if finding.verdict == "refuse" and finding.check in BEFORE_ALL:
+                if left := ", ".join(other.__name__ for other in checks[number:]):
+                    yield Check("not checked", left, "warn", "mend what is refused first")
+                return
+    if exam.left:
+        yield Check("not checked", f"the effects of {', '.join(exam.left)}", "warn", f"{LONG:g} s went to the others")
 
 
 class _Exam:
     def __init__(self, world: ValuesWorld[Any], task: str, reference: str = "", *, brief: bool = False) -> None:
         self.world, self.task, self.reference, self.brief = world, task, reference, brief
         self.nominal_values = world.nominal_values
-        self._tried: dict[str, list[tuple[Value, Trace]]] = {}
+        self.kept = self._opened()  # for all values: a new renderer may take half a minute for its first picture
+        self.left: list[str] = []  # parameters whose effects no time was left for
+        self._levels, self._solving, self._drawing = cache(self._rolled_out), cache(self._solved), cache(self._drawn)
 
     @cached_property
     def pair(self) -> tuple[Trace, Trace]:
@@ -139,12 +143,9 @@ class _Exam:
 
     def values(self) -> Check:
         told = 0
-        for one in self.world.parameters:
+        for one in (one for one in self.world.parameters if one.name in self.pair[0].applied):
             for value, trace in self._levels(one):
-                if one.name not in trace.applied:
-                    continue
-                told += 1
-                has = trace.applied[one.name]
+                told, has = told + 1, trace.applied.get(one.name, value)
                 if not _equal(value, has):
                     found = f"{_named(one)}: {_said(one, value)} was set, the simulator has {_said(one, has)}"
                     return Check("values", found, "refuse", MISTAKEN)
@@ -153,21 +154,26 @@ class _Exam:
         return Check("values", f"{told} of them are read back as they were set")
 
     def effects(self) -> Check:
-        idle, alike = [], []
+        idle, alike, until = [], [], Deadline(LONG)
         for one in self.world.parameters:
+            if until.passed:
+                self.left.append(one.name)
+                continue
             traces = self._levels(one)
             if broken := [value for value, trace in traces if not trace.finite]:
                 found = f"{_named(one)}: an observation is not finite at {_said(one, broken[0])}"
                 return Check("effects", found, "refuse", "narrow the range, or mend step")
             if traces and one.name in traces[0][1].applied and not self.world.expert():
                 continue  # it arrives, and random actions may never meet what it changes
-            same = [not self._differ(one, (a, b)) for a, b in pairwise(traces)]
-            if same and all(same):
+            steps = list(pairwise(traces))
+            ends = [self._differ(one, step) for step in steps[:1] + steps[-1:]]
+            if steps and not any(ends) and not any(self._differ(one, step) for step in steps[1:-1]):
                 idle.append(_named(one))
             elif one.options:
                 pairs = [(a, b) for a, b in combinations(traces, 2) if not self._differ(one, (a, b))]
                 alike += [f"{one.name}: {a[0]} and {b[0]} act alike" for a, b in pairs[:1]]
-            elif any(same[:1] + same[-1:]):
+            elif not all(ends):
+                same = [not self._differ(one, step) for step in steps]
                 alike.append(_end(one, [value for value, _ in traces], same))
         if idle:
             expert = " and in the expert's rollout" if self.world.expert() else ""
@@ -175,7 +181,8 @@ class _Exam:
             return Check("effects", found, "warn", "look at how it is applied, or leave it out")
         if alike:
             return Check("effects", "; ".join(alike), "warn", "narrow the range to what is applied, or mend apply")
-        return Check("effects", f"each of the {len(self.world.parameters)} values changes what happens")
+        seen = len(self.world.parameters) - len(self.left)
+        return Check("effects", f"each of the {seen} values changes what happens")
 
     def nominal(self) -> Check:
         with closing(self._opened()) as world:
@@ -197,7 +204,7 @@ class _Exam:
     def start(self) -> Check:
         if self.pair[0].solved:
             return Check("start", "the nominal scene is solved before the first step", "refuse", "mend success(now)")
-        for one in () if self.brief else self.world.parameters:
+        for one in (one for one in self.world.parameters if not self.brief and one.name not in self.left):
             solved = [value for value, trace in self._levels(one) if trace.solved]
             if solved:
                 found = f"{_named(one)}: the scene is solved before the first step at {_said(one, solved[0])}"
@@ -210,12 +217,12 @@ class _Exam:
         space, until = self.world.space(self.task, ROBOT), Deadline(SECONDS)
         drawn = (space.sample(np.random.default_rng([SEED, number])) for number in range(SCENES))
         shown = self._shown(chain([space.nominal()], takewhile(lambda _: not until.passed, drawn)))
-        if next(shown)[1].verdict is not Verdict.PASSED:
+        if next(shown).verdict is not Verdict.PASSED:
             follows = "no failure would be certified: mend solve or success, or raise horizon"
             return Check("expert", "it does not solve the nominal scene", "warn", follows)
         if self.brief:
             return Check("expert", "it solves the nominal scene")
-        tried = [outcome.verdict is Verdict.PASSED for _, outcome in shown]
+        tried = [outcome.verdict is Verdict.PASSED for outcome in shown]
         found = f"it solves the nominal scene, and {sum(tried)} of {len(tried)} random scenes"
         few = sum(tried) < MOST * len(tried)
         return Check("expert", found, *(("warn", "narrow the range, or improve solve") if few else ()))
@@ -273,7 +280,6 @@ class _Exam:
         rng, success = np.random.default_rng(actions), world.stages[-1]
         applied, held = dict(world.applied(state)), [success.holds(state)]
         states, finite = [world.fingerprint(state)], [bool(np.isfinite(world.observe(state)).all())]
-        picture = b"" if draw else _drawn(world, state)
         while len(states) <= min(steps, world.horizon) and not world.ended(state):
             if draw:
                 world.picture(state)
@@ -281,27 +287,32 @@ class _Exam:
             states.append(world.fingerprint(state))
             finite.append(bool(np.isfinite(world.observe(state)).all()))
             held.append(success.holds(state))
-        return Trace(tuple(states), picture, applied, all(held[: success.steps]), all(finite))
+        return Trace(tuple(states), applied, all(held[: success.steps]), all(finite))
 
-    def _levels(self, one: Parameter) -> list[tuple[Value, Trace]]:
+    def _rolled_out(self, one: Parameter) -> list[tuple[Value, Trace]]:
         """Roll out with a value all over its range, the others nominal."""
-        if one.name not in self._tried:
-            with closing(self._opened()) as world:
-                scenes = [(value, self.nominal_values | {one.name: value}) for value in _spread(one)]
-                self._tried[one.name] = [
-                    (value, self._rollout(world, values)) for value, values in scenes if world.unfair(values) is None
-                ]
-        return self._tried[one.name]
+        world, scenes = self.kept, [(value, self.nominal_values | {one.name: value}) for value in _spread(one)]
+        return [(value, self._rollout(world, values)) for value, values in scenes if world.unfair(values) is None]
 
     def _differ(self, one: Parameter, pair: tuple[tuple[Value, Trace], tuple[Value, Trace]]) -> bool:
-        """Whether two values of a parameter act differently, if need be in rollouts of the expert."""
+        """Whether two values of a parameter act differently, if need be in rollouts of the expert or in a picture."""
         (first, mine), (second, theirs) = pair
-        if mine.differs(theirs) is not None or mine.picture != theirs.picture:
-            return True
-        scenes = [self.world.scene(self.task, self.nominal_values | {one.name: value}) for value in (first, second)]
-        return len({outcome.rollouts[0].states_hash for _, outcome in self._shown(scenes)}) > 1
+        looks = (self._solving, self._drawing)
+        return mine.differs(theirs) is not None or any(look(one, first) != look(one, second) for look in looks)
 
-    def _shown(self, scenes: Iterable[Scene]) -> Iterator[tuple[Scene, Outcome]]:
+    def _solved(self, one: Parameter, value: Value) -> list[str]:
+        """What the expert comes to with a value, the others nominal."""
+        scene = self.world.scene(self.task, self.nominal_values | {one.name: value})
+        return [outcome.rollouts[0].states_hash for outcome in self._shown([scene])]
+
+    def _drawn(self, one: Parameter, value: Value) -> bytes:
+        """The first picture with a value; none where drawing fails, which is a check of its own."""
+        with suppress(Exception):
+            if (drawn := self.kept.picture(self.kept.reset(self.nominal_values | {one.name: value}, SEED))) is not None:
+                return drawn.tobytes()
+        return b""
+
+    def _shown(self, scenes: Iterable[Scene]) -> Iterator[Outcome]:
         """Roll out the expert in scenes; where there is none, in none."""
         expert, space = self.world.expert(), self.world.space(self.task, ROBOT)
         if expert is None:
@@ -312,7 +323,7 @@ class _Exam:
                 (outcome,) = evaluator.evaluate([scene])
                 if outcome.verdict is Verdict.ERROR:
                     raise UsageError(f"in a rollout of the expert: {outcome.detail}", hint="mend solve")
-                yield scene, outcome
+                yield outcome
 
     def _far(self) -> dict[str, Value]:
         """A fair scene in which as much as possible is not nominal."""
@@ -342,15 +353,6 @@ def _spread(one: Parameter) -> list[Value]:
     grid = one.gene.grid
     levels = dict.fromkeys(int(level) for level in np.linspace(0, grid.size - 1, min(PLACES, grid.size)).round())
     return [one.told(grid.value(level)) for level in levels]
-
-
-def _drawn(world: ValuesWorld[Any], state: Any) -> bytes:
-    """The picture of a state; empty where there is none, or drawing fails, which is a check of its own."""
-    try:
-        picture = world.picture(state)
-    except Exception:
-        return b""
-    return b"" if picture is None else np.ascontiguousarray(picture).tobytes()
 
 
 def _equal(value: Value, has: Value) -> bool:
