@@ -1,7 +1,8 @@
 """The harness between a policy's answers and the robot."""
 
 import gc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -47,15 +48,15 @@ def chunk_of(*action: float) -> list[ActionChunk]:
     return [ActionChunk(np.array([action], dtype=np.float64))]
 
 
-def next_of(harness: Harness, policy: Dictated, observe: Callable[[], Observation] = lambda: SEEN) -> np.ndarray:
-    """The next action; the policy is asked if necessary."""
-    if harness.empty:
-        harness.accept(ask(policy, observe()))
-    return harness.next_action()
+def actions_of(policy: Dictated, observe: Callable[[], Observation] = lambda: SEEN) -> Iterator[np.ndarray]:
+    """The actions of a rollout; the policy is asked where its last answer is used up."""
+    harness = Harness(policy, START)
+    while True:
+        yield from harness.actions(ask(policy, observe()))
 
 
 def first(policy: Dictated) -> np.ndarray:
-    return next_of(Harness(policy, START), policy)
+    return next(actions_of(policy))
 
 
 def gripper_of(values: Sequence[float], **spec: object) -> list[float]:
@@ -98,8 +99,8 @@ def test_a_policy_that_does_not_want_to_know_of_the_end_is_not_told():
 def test_so_many_actions_of_a_chunk_are_executed_before_anything_is_observed_again(execute, moves, calls):
     observed = []
     policy = Dictated(numbered(1, 2, 3), numbered(4, 5, 6), numbered(7, 8, 9), execute=execute)
-    harness = Harness(policy, START)
-    assert [next_of(harness, policy, lambda: observed.append(1) or SEEN)[0] for _ in moves] == moves
+    taken = islice(actions_of(policy, lambda: observed.append(1) or SEEN), len(moves))
+    assert [action[0] for action in taken] == moves
     assert policy.calls == len(observed) == calls
 
 
@@ -147,8 +148,8 @@ def test_a_sticky_gripper_keeps_a_change_for_so_many_steps(sticky, values, comma
 def test_the_harness_sticks_over_the_border_of_a_chunk():
     close, open_ = [0.0] * 6 + [-1], [0.0] * 6 + [1]
     chunks = [[ActionChunk(np.array([open_, close]))], [ActionChunk(np.array([open_, open_]))]]
-    harness = Harness(policy := Dictated(*chunks, execute=None, sticky=1), START)
-    assert [next_of(harness, policy)[6] for _ in range(4)] == [1, -1, -1, 1]
+    taken = islice(actions_of(Dictated(*chunks, execute=None, sticky=1)), 4)
+    assert [action[6] for action in taken] == [1, -1, -1, 1]
 
 
 @pytest.mark.parametrize(

@@ -41,8 +41,7 @@ class Asking:
             except PolicyError as error:
                 return Outcome.error(str(error))
             assert chunk is not None
-            harness.accept(chunk)
-            last = harness.next_action()[0]
+            last = next(iter(harness.actions(chunk)))[0]
         return failed(last / 10 + (seed or 0) / 100)
 
     def close(self) -> None:

@@ -10,6 +10,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from vlafuzz.model import Stage
 from vlafuzz.worlds.gym import GymWorld, Now, Parameter
 
 FRICTION = {"wood": 0.3, "ice": 0.02, "felt": 0.9}
@@ -97,6 +98,10 @@ class Expert(ReadBack):
     def solve(self, now):
         x, v, mark = now.observation
         return np.clip([3 * (mark - x) - 2 * v], -1, 1)
+
+
+class Staged(Carts):
+    stages = (Stage("there", lambda now: now.info["success"], lambda now: 0.0),)
 
 
 class NoSeedNeeded(Carts):

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import pickle
 import re
 import sys
 from pathlib import Path
@@ -13,11 +14,14 @@ from gymnasium import spaces
 from tests.cli.typed import told, typed
 from tests.documentation import files
 from tests.worlds.carts import Cart, Carts, Expert, world
+from vlafuzz.common.plugins import trust
 from vlafuzz.errors import CatalogueError, PolicyError, UsageError
 from vlafuzz.model import Conditions, Outcome, Scene, Verdict
 from vlafuzz.model.scene import amount
 from vlafuzz.policies.base import Observation
+from vlafuzz.worlds import world_named
 from vlafuzz.worlds.gym import GymWorld, Parameter, fitted, read_parameters
+from vlafuzz.worlds.recording import Recording
 
 CARTS = "python:tests.worlds.carts"
 EXAMPLES = Path(__file__).parents[2] / "docs" / "worlds"
@@ -28,12 +32,12 @@ def space(of: GymWorld, *vary: str):
     return of.space(of.tasks[0], "own", vary=vary)
 
 
-def outcome(of: GymWorld, act, scene=None, **options) -> Outcome:
+def outcome(of: GymWorld, act, scene=None, recording=None, **options) -> Outcome:
     """The outcome of a policy, by default in the nominal scene."""
     all_scenes = space(of)
     conditions = Conditions(task=of.tasks[0], policy="own", **all_scenes.conditions)
     policy = type(of).policy(act, **options)()
-    evaluator = of.evaluator(conditions, policy, all_scenes, recording=None, checked=True)
+    evaluator = of.evaluator(conditions, policy, all_scenes, recording=recording, checked=True)
     (found,) = evaluator.evaluate([scene or all_scenes.nominal()])
     evaluator.close()
     return found
@@ -81,6 +85,38 @@ def test_an_action_that_does_not_fit_is_named_in_a_sentence(space, action, words
 def test_an_action_that_does_not_fit_is_an_error_of_the_policy_and_no_failure():
     found = outcome(Carts(), lambda seen: [2.0])
     assert (found.verdict, "policy: bad_action" in found.detail) == (Verdict.ERROR, True)
+
+
+@pytest.mark.parametrize(
+    ("action", "words"), [([np.nan], "is not finite"), (np.array([np.nan], "f4"), "is not finite")]
+)
+def test_an_action_that_is_no_number_is_named_as_that(action, words):
+    assert words in outcome(Carts(), lambda seen: action).detail
+
+
+@pytest.mark.parametrize("act", [lambda seen: [0.5], lambda seen: np.full(1, 0.5, np.float32)])
+def test_a_policy_does_the_same_with_and_without_a_recording_of_what_it_observes(act):
+    plain, watched = (outcome(Carts(), act, recording=recording) for recording in (None, Recording(0)))
+    (mine,), (theirs,) = plain.rollouts, watched.rollouts
+    assert (mine.states_hash, mine.actions.tolist()) == (theirs.states_hash, theirs.actions.tolist())
+
+
+def test_actions_are_kept_as_they_were_where_a_policy_uses_its_array_again():
+    kept = np.zeros(1, np.float32)
+
+    def act(observation):
+        kept[0] += 0.01
+        return kept
+
+    (rollout,) = outcome(Carts(), act).rollouts
+    assert rollout.actions[:3, 0] == pytest.approx([0.01, 0.02, 0.03])
+
+
+def test_a_space_goes_through_a_pipe_even_where_stages_are_functions_without_a_name():
+    trust(f"{CARTS}:Staged")
+    known = world_named(f"{CARTS}:Staged").space(f"{CARTS}:Staged/reach", "own", vary=["mass"])
+    again = pickle.loads(pickle.dumps(known))
+    assert (again.conditions, again.nominal()) == (known.conditions, known.nominal())
 
 
 def test_actions_of_seven_numbers_arrive_as_they_are():

@@ -13,7 +13,7 @@ from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Outlines, Policy, PolicySpec
 from vlafuzz.policies.clients.wire import with_retries
-from vlafuzz.policies.harness import WIDTH, blamed_on, check_chunks, finish
+from vlafuzz.policies.harness import WIDTH, BlamedOn, check_chunks, finish
 
 HARDLY = 0.02  # relative size below which a change does not count
 ALPHA = 0.01  # significance level; low, since there are several probes
@@ -110,7 +110,7 @@ class Recorder(Lent):
     @contextmanager
     def _noted(self) -> Iterator[None]:
         try:
-            with blamed_on(self.spec.name):
+            with BlamedOn(self.spec.name):
                 yield
         except PolicyError as error:
             self.broken = Break(f"after {self._answers} answers of a rollout", error)
@@ -279,7 +279,7 @@ def _answers(policy: Policy, moments: Sequence[Moment], steps: int) -> Iterator[
     """The answers to the moments at each of so many steps of rollouts of their own."""
     begun = [replace(moment.start, episode=f"checkup-{next(_numbers)}") for moment in moments]
     try:
-        with blamed_on(policy.spec.name):
+        with BlamedOn(policy.spec.name):
             policy.reset(begun)
             for step in range(steps):
                 pairs = zip(moments, begun, strict=True)

@@ -13,8 +13,8 @@ from vlafuzz.common.plugins import OBJECT
 from vlafuzz.common.text import plural
 from vlafuzz.errors import VlafuzzError
 from vlafuzz.model import Verdict
-from vlafuzz.policies.base import ActionChunk, ActionSpec, Observation, PolicySpec
-from vlafuzz.policies.controls import Frozen
+from vlafuzz.policies.base import ActionSpec, PolicySpec
+from vlafuzz.policies.controls import Player
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import Prompt
@@ -56,20 +56,10 @@ def of_words(prompts: Sequence[Prompt]) -> Iterator[Problem]:
         yield Problem(prompts[0].task, "goal", f"all {len(prompts)} tasks have the same goal, in other words")
 
 
-class Still(Frozen):
-    """Never moves, by actions of any width."""
-
-    def __init__(self, width: int) -> None:
-        self.spec = PolicySpec("still", action=ActionSpec(width=width))
-
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [ActionChunk(np.zeros((1, self.spec.action.width))) for _ in observations]
-
-
 def when_still(task: str) -> Iterator[Problem]:
     """Whether the nominal scene of a task is solved by doing nothing, in one rollout."""
     world = world_of(task)
-    policy = Still(world.action_width)
+    policy = Player(PolicySpec("still", action=ActionSpec(width=world.action_width)))  # of no actions
     try:
         planned = plan(RunConfig(task=task, policy=f"{OBJECT}still", store=Path("unused.db")), policy=policy)
         with closing(make_evaluator(planned.manifest, policy, checked=False)) as evaluator:

@@ -11,7 +11,7 @@ from typing import cast
 
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy, PolicySpec
-from vlafuzz.policies.harness import PartlyAnsweredError, blamed_on, check_chunks, finish
+from vlafuzz.policies.harness import BlamedOn, PartlyAnsweredError, check_chunks, finish
 
 # Seconds that requests wait for the next one: less than a simulator needs for a step and an image, and only
 # while there are rollouts without a pending request.
@@ -98,7 +98,7 @@ class BatchingPolicy:
         if not starts:
             return None
         try:
-            with blamed_on(self._name):
+            with BlamedOn(self._name):
                 self._policy.reset(starts)
         except PolicyError as error:
             return _plain(error)
@@ -107,7 +107,7 @@ class BatchingPolicy:
 
     def _act(self, batch: Sequence[Observation]) -> Sequence[ActionChunk | PolicyError]:
         try:
-            with blamed_on(self._name):
+            with BlamedOn(self._name):
                 width = self._policy.spec.action.width
                 return check_chunks(self._policy.act(batch), len(batch), self._name, width)
         except PartlyAnsweredError as partly:

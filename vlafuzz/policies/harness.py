@@ -2,8 +2,7 @@
 
 import sys
 import weakref
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from math import hypot
 
 import numpy as np
@@ -19,34 +18,29 @@ _AXES = {"euler_xyz": "XYZ", "rpy": "xyz"}  # in SciPy, capital letters mean int
 
 
 class Harness:
-    """One rollout of a policy: converts its chunks of actions to metric actions, one per control step.
+    """One rollout of a policy: converts its chunks of actions to metric actions.
 
     ``finish()`` ends the rollout; so does the garbage collection of this object.
     """
 
     def __init__(self, policy: Policy, start: EpisodeStart) -> None:
-        self._policy, self._spec = policy, policy.spec
-        self._actions, self._next = np.empty((0, self._spec.action.width)), 0
+        self._spec = policy.spec
         self._gripper = GripperCommand(self._spec.action)
-        with blamed_on(self._spec.name):
+        with BlamedOn(self._spec.name):
             policy.reset([start])
         self.finish = weakref.finalize(self, finish, policy, [start])
 
-    @property
-    def empty(self) -> bool:
-        """Whether the last chunk is used up, so that the policy must act next."""
-        return self._next == len(self._actions)
+    def actions(self, chunk: ActionChunk) -> Iterable[Array]:
+        """The actions to execute of an answer that ``ask`` or ``BatchingPolicy`` has checked, each when it is its turn.
 
-    def accept(self, chunk: ActionChunk) -> None:
-        """Take the policy's answer, which ``ask`` or ``BatchingPolicy`` has checked."""
-        self._actions, self._next = chunk.actions[: self._spec.execute], 0
+        They are ``(7,)`` metres, radians, -1 or 1 for the gripper; of another width as they are.
+        """
+        executed = chunk.actions[: self._spec.execute]
+        each = map(executed.__getitem__, range(len(executed)))  # NumPy's own iteration ends with an exception
+        return map(self._metric, each) if self._spec.action.width == WIDTH else each
 
-    def next_action(self) -> Array:
-        """The next action: ``(7,)`` metres, radians, -1 or 1 for the gripper; of another width as it is."""
-        action: Array = self._actions[self._next]
-        spec, self._next = self._spec.action, self._next + 1
-        if spec.width != WIDTH:
-            return action
+    def _metric(self, action: Array) -> Array:
+        spec = self._spec.action
         with np.errstate(over="ignore"):
             _check_finite((action * _units(spec))[None], self._spec.name)
         move = metric(action, spec)
@@ -81,12 +75,8 @@ def _units(spec: ActionSpec) -> Array:
 def ask(policy: Policy, observation: Observation) -> ActionChunk:
     """The policy's answer to one observation; a PolicyError if it raised, or that is no chunk of finite actions."""
     spec = policy.spec
-    try:  # as in ``blamed_on``, which would take longer than the rest, at each step
+    with BlamedOn(spec.name):
         return check_chunks(policy.act([observation]), 1, spec.name, spec.action.width)[0]
-    except PolicyError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise _blamed(spec.name, error) from error
 
 
 class PartlyAnsweredError(PolicyError):
@@ -118,19 +108,17 @@ def finish(policy: Policy, episodes: Sequence[EpisodeStart]) -> None:
         policy.finish(episodes)
 
 
-@contextmanager
-def blamed_on(name: str) -> Iterator[None]:
-    """Convert every exception in the block to a PolicyError of the policy of this name."""
-    try:
-        yield
-    except PolicyError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise _blamed(name, error) from error
+class BlamedOn:
+    """Converts every exception in a block to a PolicyError of the policy of this name."""
 
+    def __init__(self, name: str) -> None:
+        self._name = name
 
-def _blamed(name: str, error: BaseException) -> PolicyError:
-    return PolicyError(f"{name} raised {type(error).__name__}: {error}")
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, _: object, error: BaseException | None, where: object) -> None:
+        if isinstance(error, Exception | SystemExit) and not isinstance(error, PolicyError):
+            raise PolicyError(f"{self._name} raised {type(error).__name__}: {error}") from error
 
 
 def release(policy: Policy) -> None:
@@ -163,7 +151,7 @@ def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str, width:
     if len(chunks) != expected:
         message = f"{name}: {expected} observations, {len(chunks)} chunks of actions"
         raise PolicyError(message, "answer every observation with one chunk", "bad_action")
-    checked = list[ActionChunk]()
+    checked: list[ActionChunk] = []  # list[ActionChunk]() takes as long as the rest, and this is called at each step
     for chunk in chunks:
         given = np.asarray(getattr(chunk, "actions", chunk))
         if given.dtype.kind in _NOT_REAL:

@@ -29,9 +29,8 @@ class TryingPolicy(Policy, Protocol):
 class Demonstrator(TryingPolicy, Protocol):
     """An expert that solves scenes with the actions of the policy that it stands in for.
 
-    Attributes:
-        tries: number of its attempts; the present ``attempt`` is below it.
-        written: the actions of the last rollout, as the policy writes them.
+    ``tries``: number of its attempts; the present ``attempt`` is below it. ``written``: the actions of the last
+    rollout, as the policy writes them.
     """
 
     tries: int
@@ -40,12 +39,10 @@ class Demonstrator(TryingPolicy, Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """A robot of a world.
+    """A robot of a world, by its name.
 
-    Attributes:
-        robot: its name.
-        control_hz: control steps a second; None for as many as the policy wants.
-        seconds: of simulated time, after which a rollout ends.
+    ``control_hz``: control steps a second; None for as many as the policy wants. ``seconds``: of simulated time, after
+    which a rollout ends.
     """
 
     robot: str
@@ -57,10 +54,8 @@ class Robot:
 class SceneMap:
     """Two values of a scene that are a place, drawn from above.
 
-    Attributes:
-        across: path of the value that goes to the right, or to the left if ``mirrored``.
-        along: path of the value that goes up.
-        below: what is beyond the lower edge, such as the robot.
+    ``across``: path of the value that goes to the right, or to the left if ``mirrored``. ``along``: of the one that
+    goes up. ``below``: what is beyond the lower edge, such as the robot.
     """
 
     title: str

@@ -68,9 +68,11 @@ class Episode(ABC):
         actions: so far, ``(7,)`` each, metric. over: whether no other follows.
         monitor: of its stages.
         states_hash: of all states so far, bit by bit; a subclass makes and updates it.
+        state: at present, in a world whose own policies act by it: see ``GymPolicy``.
     """
 
     states_hash: hashlib.blake2b
+    state: object
 
     def __init__(
         self, scene: Scene, seed: int, conditions: Conditions, monitor: Monitor, *, hz: int, horizon: int

@@ -198,15 +198,21 @@ class SceneEvaluator(ABC):
         harness = Harness(self._policy, episode.start)
         if recording is not None:
             recording.note(episode)
+        by_state = None if recording else getattr(self._policy, "by_state", None)
         while not episode.over:
-            if harness.empty:
+            if by_state is not None:
+                actions = by_state(episode.state)
+            else:
                 observation = episode.observe()
                 if recording is not None:
                     recording.observations.append(observation)
                 chunk = yield observation
                 assert chunk is not None
-                harness.accept(chunk)
-            episode.advance(harness.next_action())
-            if recording is not None:
-                recording.note(episode)
+                actions = harness.actions(chunk)
+            for action in actions:
+                episode.advance(action)
+                if recording is not None:
+                    recording.note(episode)
+                if episode.over:
+                    break  # type: ignore[unreachable] # an action has ended it
         return episode.rollout(time.perf_counter() - began)

@@ -21,12 +21,7 @@ MEANS = {"valid": "fair", **FAIRNESS, BROKEN: "lines that hold no scene"}  # wha
 
 @dataclass(frozen=True)
 class FileVerdicts:
-    """The verdicts on the scenes of a file.
-
-    Attributes:
-        counts: of scenes, by what ``MEANS`` explains.
-        problems: of lines, by their numbers; the check of a line that is no scene is ``broken``.
-    """
+    """The verdicts on the scenes of a file: how many, by what ``MEANS`` explains, and the problems by their lines."""
 
     path: Path
     counts: Mapping[str, int]

@@ -18,7 +18,7 @@ from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Generic, Self, TypeVar, Unpack
+from typing import Any, Generic, Self, TypeVar, Unpack, cast
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from vlafuzz.model import Conditions, Monitor, Rejection, Scene, Solver, Space, 
 from vlafuzz.model.conditions import check_choice
 from vlafuzz.model.space import Values
 from vlafuzz.policies.base import Observation, Policy
+from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import Robot, TryingPolicy, World
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import Options, SceneEvaluator
@@ -60,6 +61,9 @@ class ValuesSpace(Space):
         self.groups = {name: (name,) for name in operators.operators}
         super().__init__(world.task(name), ROBOT, operators, _Composer(world, name))
 
+    def __reduce__(self) -> tuple[Any, ...]:  # a world's stages may be functions without a name, which no pipe takes
+        return _again, (self.task.name, self.operators)
+
     @property
     def conditions(self) -> dict[str, Any]:
         assert isinstance(self.operators, Parameters)
@@ -89,15 +93,20 @@ class ValuesSpace(Space):
         return self.compose(values)
 
 
+def _again(task: str, operators: Parameters) -> ValuesSpace:
+    return ValuesSpace(cast(ValuesWorld[Any], world_of(task)), task, operators)
+
+
 class ValuesEpisode(Episode):
     """A rollout in a scene of values; ``cameras`` are names of pictures that the policy asks for."""
 
     def __init__(
         self, world: ValuesWorld[Any], scene: Scene, seed: int, conditions: Conditions, cameras: Collection[str]
     ) -> None:
-        self._world, self._state, self._cameras = world, world.reset(world.values_in(scene), seed), cameras
+        self._world, self.state, self._cameras = world, world.reset(world.values_in(scene), seed), cameras
+        self._step, self._fingerprint, self._ended = world.step, world.fingerprint, world.ended  # looked up once
         self.states_hash = hashlib.blake2b(digest_size=16)
-        monitor, horizon = Monitor(tuple(world.stages)), 0 if world.ended(self._state) else world.horizon
+        monitor, horizon = Monitor(tuple(world.stages)), 0 if world.ended(self.state) else world.horizon
         super().__init__(scene, seed, conditions, monitor, hz=world.control_hz, horizon=horizon)
 
     def observe(self) -> Observation:
@@ -106,22 +115,21 @@ class ValuesEpisode(Episode):
             len(self.actions),
             self.scene.instruction,
             images={camera: self.picture(camera) for camera in self._cameras},
-            state=np.array(self._world.observe(self._state), dtype=np.float32),
-            privileged=self._state,
+            state=np.array(self._world.observe(self.state), dtype=np.float32),
+            privileged=self.state,
         )
 
     def picture(self, camera: str) -> Picture:
-        drawn = self._world.picture(self._state)
+        drawn = self._world.picture(self.state)
         if drawn is None:
             raise PrerequisiteError("this world draws no pictures", hint="define its method picture")
         return drawn
 
     def _execute(self, action: Array) -> None:
-        world = self._world
-        self._state = state = world.step(self._state, action)
-        self.states_hash.update(world.fingerprint(state))
+        self.state = state = self._step(self.state, action)
+        self.states_hash.update(self._fingerprint(state))
         self.monitor.observe(state)
-        if world.ended(state):
+        if self._ended(state):
             self._last = len(self.actions)
 
 

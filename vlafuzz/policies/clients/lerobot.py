@@ -18,7 +18,7 @@ from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
 from vlafuzz.policies.clients.servers import Address, needed
 from vlafuzz.policies.clients.wire import numbers, read, short
-from vlafuzz.policies.harness import WIDTH, answered, blamed_on, check_chunks
+from vlafuzz.policies.harness import WIDTH, BlamedOn, answered, check_chunks
 
 INSTALL = "pip install lerobot, into the environment of vlafuzz"
 PICTURES = "observation.images."
@@ -78,7 +78,7 @@ class LeRobot:
         answers: list[ActionChunk | PolicyError] = []
         for seen in observations:
             try:
-                with blamed_on(self._name):
+                with BlamedOn(self._name):
                     answers += check_chunks([ActionChunk(self._act(seen))], 1, self._name)
             except PolicyError as error:
                 answers.append(error)
