@@ -143,6 +143,6 @@ def test_of_several_targets_each_is_named():
 
 def test_a_field_that_begins_with_its_operators_name_is_said_once():
     assert (spoken("goal", "goal-x"), spoken("light", "intensity"), spoken("target-type")) == (
-        "goal-x", "light intensity", "target type",
+        "goal's x", "light intensity", "target type",
     )  # fmt: skip
     assert spoken("confounder-position", "nearness of the first confounder") == "nearness of the first confounder"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -350,10 +351,11 @@ def _conditions(space: Space, cause: FoundCause, failure: DescribedFailure, tria
         elif certified:
             evidence = " (not certified)"
         parts.append(f"{space.subject}: {subjects}{evidence}")
-    directions = {one.operator: f" ({one.direction})" for one in failure.causes.thresholds if one.direction}
+    ways = {one.operator: f" ({one.direction})" for one in failure.causes.thresholds if one.direction}
     for part in failure.deviations:
         if part.operator in (failure.operators if certified else cause.operators):
-            parts.append(f"{part.operator}{directions.get(part.operator, '')}: {part.range}")
+            way = re.sub(rf"\b{part.operator}(-|\b)", "", ways.get(part.operator, ""))  # ``+`` for ``+mass``
+            parts.append(f"{part.operator}{way}: {part.range}")
     return tuple(parts) or cause.operators
 
 

@@ -43,10 +43,8 @@ def space_of(source: pathlib.Path, run: Manifest) -> Space:
 class Deviation:
     """An operator's value in a scene and in its reference, and the threshold from which the policy fails.
 
-    Attributes:
-        fails_from: the range that fails; empty if there is no threshold, or none that is known.
-        clause: the same, as "fails when" goes on.
-        severity: of the operator in the scene, in [0, 1].
+    ``fails_from``: the range that fails; empty if no threshold is known. ``clause``: the same, as "fails when" goes on.
+    ``severity``: of the operator in the scene, in [0, 1].
     """
 
     operator: str

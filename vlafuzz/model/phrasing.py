@@ -28,7 +28,7 @@ def titled(operators: Iterable[str], causes: Causes) -> str:
 def failing_range(threshold: Threshold) -> str:
     """The values that fail: ``fails from yaw 2.1° (2° to 2.2°) to 3.4° and from 4° on``."""
     first, *others = threshold.fails
-    start = ", ".join(in_words(path, value) + _interval(threshold, path) for path, value in threshold.at)
+    start = ", ".join(in_words(path, at, threshold.operator) + _interval(threshold, path) for path, at in threshold.at)
     share = "" if len(threshold.at) == 1 else f" ({threshold.share:.0%} of the way)"
     parts = [_range(start + share, *first), *(_range(_amounts(low), low, high) for low, high in others)]
     return f"fails {' and '.join(parts)}"

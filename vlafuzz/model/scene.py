@@ -343,11 +343,12 @@ Kept = Annotated[Scene, PlainValidator(_kept), PlainSerializer(lambda scene: sce
 """A scene that is kept elsewhere: pydantic writes its digest, and reads it by a context, a function of the digest."""
 
 
-def in_words(path: str, value: float | str) -> str:
-    """A value of a scene by its path, with its unit: ``camera.yaw`` as ``yaw 2.5°``."""
+def in_words(path: str, value: float | str, operator: str = "") -> str:
+    """A value by its path: ``yaw 2.5°``; beside its operator, which is not said again, ``x 5 cm`` for ``goal-x``."""
     slot, _, name = path.rpartition(".")
     owner = f" of object {int(slot[-1]) + 1}" if slot.startswith("targets.") and slot[-1] != "0" else ""
-    return f"{name}{owner} {amount(path, value)}"
+    short = "" if name == operator else name.removeprefix(f"{operator}-")
+    return f"{short}{owner} {amount(path, value)}".strip()
 
 
 def amount(path: str, value: float | str) -> str:

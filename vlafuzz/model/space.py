@@ -286,7 +286,7 @@ class Space(ABC):
         """The values of a group where they differ from another scene's, in words; empty if none does."""
         values, usual = self.values(scene), self.values(other)
         shown = (
-            in_words(path, gene.options[int(values[path])] if gene.options else values[path])
+            in_words(path, gene.options[int(values[path])] if gene.options else values[path], gene.operator)
             for path, gene in self.by_path.items()
             if gene.operator in self.group(operators) and values[path] != usual[path]
         )
@@ -298,12 +298,13 @@ class Space(ABC):
         Args:
             fails: the ranges that fail, from first to last values; none for the scene's own values.
         """
+        several = sum(gene.operator == group for gene in self.by_path.values()) > 1
         if not fails:
-            value = self.described(scene, group, other).removeprefix(f"{group} ")
-            return _FACTOR.sub(r"\1 times the usual", f"the {spoken(group)} is {value}")
-        ranges = " or ".join(beyond(low, high, self.values(other)) for low, high in fails)
-        paths, genes = dict(fails[0][0]), [gene for gene in self.by_path.values() if gene.operator == group]
-        field = next(iter(paths)).rpartition(".")[2] if len(paths) == 1 < len(genes) else ""
+            said = f"{'has' if several else 'is'} {self.described(scene, group, other)}"
+            return _FACTOR.sub(r"\1 times the usual", f"the {spoken(group)} {said}")
+        ranges = " or ".join(beyond(low, high, self.values(other)) for low, high in fails).replace(f"{group}-", "")
+        (path, _), *more = fails[0][0]
+        field = path.rpartition(".")[2] if several and not more else ""
         return _FACTOR.sub(r"\1 times the usual", f"the {spoken(group, field)} is {ranges}")
 
     def draw(self, path: str, rng: np.random.Generator) -> float:
@@ -346,9 +347,10 @@ class Space(ABC):
 
 
 def spoken(operator: str, field: str = "") -> str:
-    """An operator, or one of its fields, in a sentence: ``light intensity``, but ``goal-x`` of ``goal``."""
-    whole = field.startswith(f"{operator}-") or " of the " in field
-    return field if whole else f"{operator.replace('-', ' ')} {field}".strip()
+    """An operator, or one of its fields, in a sentence: ``light intensity``, but ``goal's x`` for ``goal-x``."""
+    thing, _, part = field.rpartition("-")
+    said = f"{thing.replace('-', ' ')}'s {part}" if thing else f"{operator.replace('-', ' ')} {field}".strip()
+    return field if " of the " in field else said
 
 
 def value_at(scene: Scene, path: str) -> Any:

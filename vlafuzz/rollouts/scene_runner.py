@@ -26,9 +26,7 @@ _ROUNDED = 1e-5  # of progress, which is kept as 32-bit floats
 class SceneRunner(Protocol):
     """Runs policy and expert in scenes under the conditions of one run. Nothing raises for what a scene does.
 
-    Attributes:
-        stages: the names of the task's stages.
-        renderer: what renders the policy's images; None for a policy without cameras.
+    ``stages``: names of the task's. ``renderer``: what renders the policy's images; None for a policy without cameras.
     """
 
     stages: tuple[str, ...]

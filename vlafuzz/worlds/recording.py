@@ -20,10 +20,8 @@ _HELD_FRAMES = 8  # repeats of the last frame, so that players do not cut to bla
 class Recording:
     """Collects frames and observations of one rollout.
 
-    Without frames no renderer is needed.
-
     Args:
-        size: height of a frame in pixels; 0 for no frames.
+        size: height of a frame in pixels; 0 for no frames, so that no renderer is needed.
         stride: control steps from one frame to the next; the last state always has one.
     """
 
