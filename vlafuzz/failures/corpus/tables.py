@@ -95,7 +95,6 @@ def difference_rows(result: Difference) -> list[Row]:
             "standing": change.standing,
             "passes now": f"{change.passes} of {change.scenes}",
             "scene": change.scene[:12],
-            "signature": change.signature,
         }
         for change in result.causes
     ]
