@@ -72,5 +72,6 @@ def command(
     if json:
         print_json(report)
         return
-    shown = {key: "\n".join(map(str, value)) if isinstance(value, list) else value for key, value in report.items()}
+    said = {key: value for key, value in report.items() if value not in (None, "", [])}
+    shown = {key: "\n".join(map(str, value)) if isinstance(value, list) else value for key, value in said.items()}
     print_rows([{"what": key, "value": value} for key, value in shown.items()], title="replay")
