@@ -41,7 +41,7 @@ def test_it_shows_what_the_run_named_and_not_what_was_stored_first(tmp_path, cap
 
 def test_a_replay_says_that_the_stored_trajectory_was_made_elsewhere(store, capsys, monkeypatch):
     assert told(capsys, ["replay", str(store), "--json"])["stored trajectory made"] is None
-    assert "stored trajectory made" not in typed(capsys, ["replay", str(store), "--no-film"]).printed
+    assert "stored trajectory made" not in typed(capsys, ["replay", str(store), "--no-film"]).out
     monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
     assert told(capsys, ["replay", str(store), "--json"])["stored trajectory made"].startswith("at another place: ")
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vlafuzz.report.view import View
 
 FEW, FILMED = 20, 50  # failures that are listed, and that get videos, by default
-REFRESH, TIMES = 10, 9  # seconds between two pages that follow a run; at least so many times what one takes
+REFRESH, TIMES = 10, 9  # seconds between two pages that follow a run; at least so many times what one computes
 VALUES = 3  # operators of an untriaged failure that are shown with their values
 
 
@@ -182,8 +182,8 @@ def _follow(source: Path, out: Path) -> None:
     try:
         write_page(out, render(view_of(source), refresh=REFRESH))  # takes long: it loads what the others need
         while True:
-            began = time.monotonic()
+            began = time.process_time()
             write_page(out, render(view_of(source), refresh=REFRESH))
-            time.sleep(max(REFRESH, TIMES * (time.monotonic() - began)))
+            time.sleep(max(REFRESH, TIMES * (time.process_time() - began)))
     except KeyboardInterrupt:
         write_page(out, render(view_of(source)))  # as it is to stay
