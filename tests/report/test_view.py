@@ -118,6 +118,7 @@ def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_pa
     ((sentence, command),) = shown.todo
     assert sentence.startswith("6 findings are not triaged yet")
     assert command == f"vlafuzz triage '{tmp_path}/a b.db'"
+    assert "(number 2 of these)" in render(replace(shown, failures=2 * shown.failures))
 
 
 def test_triage_that_takes_long_says_so(tmp_path: Path, monkeypatch):

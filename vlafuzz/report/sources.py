@@ -36,7 +36,8 @@ def view_of(source: Path) -> View:
 
 def view_of_store(store: Store) -> View:
     """The causes and failures of the runs, with the results of triage; nothing to do next while they go on."""
-    runs, listing, going_on = store.runs(), listing_of_store(store), is_being_written(store.path)
+    going_on = is_being_written(store.path)  # before it is read: what ends meanwhile was not interrupted
+    runs, listing = store.runs(), listing_of_store(store)
     standings, groups = standings_of(store, listing.causes), _comparable(runs)
     plots = [_plot(store, group) for group in groups]
     of_run = {run.id: plot for group, plot in zip(groups, plots, strict=True) for run in group}
@@ -55,7 +56,7 @@ def view_of_store(store: Store) -> View:
     return View(
         title=listing.title,
         source=str(store.path),
-        phase=_phase(store, runs, listing.causes),
+        phase=_phase(store, runs, listing.causes, going_on=going_on),
         heads=tuple(_head(one, listing, runs, store, going_on=going_on) for one in standings),
         causes=tuple(replace(card, step=None) if going_on else card for card in causes),
         failures=tuple(replace(card, step=None) if going_on else card for card in failures),
@@ -145,16 +146,16 @@ def _head(one: Standing, listing: Listing, runs: Sequence[Run], store: Store, *,
     return Head(f"{one.policy} on {one.task}", said, one.rate, evidence(one.rollouts, found), left)
 
 
-def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList]) -> str:
+def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList], *, going_on: bool) -> str:
     """What goes on in a store."""
     if not runs:
         return "no run yet"
-    run, written = runs[-1], is_being_written(store.path)
+    run = runs[-1]
     if run.status != "finished" and run.status != "stopped":
-        word = "searching" if run.status == "running" and written else "interrupted"
+        word = "searching" if run.status == "running" and going_on else "interrupted"
         done, budget = store.rollouts(run.id), run.manifest.budget  # certification may have left some more
         return f"{word}: {done}{f' of {budget}' * (done <= budget)} rollouts done"
-    if written:
+    if going_on:
         found = next((one for one in lists if one.run == run.id), None)
         return f"certifying: {found.certified} of {plural(found.found, 'cause')} so far" if found else "triaging"
     return "finished"
