@@ -356,7 +356,7 @@ def amount(path: str, value: float | str) -> str:
     if isinstance(value, str):
         return value
     unit = unit_of(path)
-    return f"× {value:.3g}" if unit == "×" else f"{value:g}{unit}"
+    return f"× {value:.3g}" if unit == "×" else f"{value:g}{unit.removesuffix('s') if value == 1 else unit}"
 
 
 def unit_of(path: str) -> str:
