@@ -19,7 +19,7 @@ _ROW = re.compile(
     r"of random scenes · explains (?P<explains>\d+) failures? · certified: fails (?P<count>\d+) of (?P<of>\d+) "
     r"\((?P<rate_low>[\d.]+)–(?P<rate_high>[\d.]+)%\), solved by the (?P<solver>.*?) · (?P<scene>\w+)"
 )
-_CONDITION = re.compile(r"([\w-]+) \([^)]*\): fails from ([a-z]+) ([-× \d.]+)")
+_CONDITION = re.compile(r"([\w-]+) \([^)]*\): fails from (?:([a-z]+) )?([-× \d.]+)")
 Row = dict[str, str]  # a cause as it is printed, by the names of _ROW
 
 
@@ -77,7 +77,7 @@ def ranges(page: str) -> dict[str, Range]:
 
 def region(row: Row, known: dict[str, Range]) -> float:
     """Percent of random scenes in the range of a row."""
-    conditions = ((known[f"{of} {name}"], value) for of, name, value in _CONDITION.findall(row["conditions"]))
+    conditions = ((known[f"{of} {name or of}"], value) for of, name, value in _CONDITION.findall(row["conditions"]))
     return 100 * math.prod(values.beyond(float(value.strip("× "))) for values, value in conditions)
 
 
