@@ -87,11 +87,9 @@ def test_an_action_that_does_not_fit_is_an_error_of_the_policy_and_no_failure():
     assert (found.verdict, "policy: bad_action" in found.detail) == (Verdict.ERROR, True)
 
 
-@pytest.mark.parametrize(
-    ("action", "words"), [([np.nan], "is not finite"), (np.array([np.nan], "f4"), "is not finite")]
-)
-def test_an_action_that_is_no_number_is_named_as_that(action, words):
-    assert words in outcome(Carts(), lambda seen: action).detail
+def test_an_action_that_is_no_number_is_named_as_that():
+    said = [outcome(Carts(), lambda seen, kind=kind: np.full(1, np.nan, kind)).detail for kind in ("f4", "f8")]
+    assert all("is not finite" in detail for detail in said)
 
 
 @pytest.mark.parametrize("act", [lambda seen: [0.5], lambda seen: np.full(1, 0.5, np.float32)])
@@ -103,12 +101,7 @@ def test_a_policy_does_the_same_with_and_without_a_recording_of_what_it_observes
 
 def test_actions_are_kept_as_they_were_where_a_policy_uses_its_array_again():
     kept = np.zeros(1, np.float32)
-
-    def act(observation):
-        kept[0] += 0.01
-        return kept
-
-    (rollout,) = outcome(Carts(), act).rollouts
+    (rollout,) = outcome(Carts(), lambda seen: np.add(kept, np.float32(0.01), out=kept)).rollouts
     assert rollout.actions[:3, 0] == pytest.approx([0.01, 0.02, 0.03])
 
 

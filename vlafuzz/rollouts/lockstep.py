@@ -4,15 +4,13 @@ import time
 from collections.abc import Callable, Sequence
 
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.model import Outcome, Scene
+from vlafuzz.model import Outcome
 from vlafuzz.policies.base import ActionChunk, Observation, Policy
 from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
 from vlafuzz.policies.harness import release
 from vlafuzz.rollouts.executor import broken, checked
 from vlafuzz.rollouts.worker_pool import WorkerPool
-from vlafuzz.worlds.evaluator import Evaluation, SceneEvaluator, proceed
-
-Seeded = Scene | tuple[Scene, int]  # a scene, perhaps with the seed of its rollout; else that of the conditions
+from vlafuzz.worlds.evaluator import Evaluation, SceneEvaluator, Seeded, proceed
 
 
 def lanes_for(policy: Policy) -> int:

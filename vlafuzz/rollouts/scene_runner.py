@@ -11,7 +11,7 @@ from vlafuzz.common.plugins import check_trusted
 from vlafuzz.model import Actions, Conditions, Outcome, Scene, Solver, Space, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.controls import Player
-from vlafuzz.rollouts.executor import Tagged, evaluate_safely
+from vlafuzz.rollouts.executor import Executor, LocalExecutor, Tagged, evaluate_safely
 from vlafuzz.rollouts.lockstep import LockstepExecutor, lanes_for
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import here, make_evaluator
@@ -88,7 +88,8 @@ class SimulatorSceneRunner:
         # By whether given actions are played
         self._filmed: dict[bool, tuple[SceneEvaluator, Recording]] = {}
         self.lanes = lanes_for(self._policy)
-        self._lockstep = LockstepExecutor(self._evaluator, self._policy, self.lanes)
+        alone = LocalExecutor(self._evaluator(self._policy)) if self.lanes == 1 else None
+        self._executor: Executor = alone or LockstepExecutor(self._evaluator, self._policy, self.lanes)
         # Whether targets are visible was judged for the policy, which may see outlines instead of pictures.
         self._experts = {name: self._evaluator(solver, unseen=True) for name, solver in self._solvers.items()}
         self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
@@ -107,7 +108,7 @@ class SimulatorSceneRunner:
 
     def run(self, scenes: Tagged) -> Iterator[tuple[int, Outcome]]:
         """See ``Executor``; of scenes with the numbers of their rollouts, as many at a time as there are lanes."""
-        return self._lockstep.run(one and (one[0], (one[1][0], self._seed + one[1][1])) for one in scenes)
+        return self._executor.run(one and (one[0], (one[1][0], self._seed + one[1][1])) for one in scenes)
 
     def solve(self, scene: Scene, attempt: int, solver: Solver = "expert") -> Outcome:
         if solver not in self._solvers:
@@ -159,7 +160,7 @@ class SimulatorSceneRunner:
         )
 
     def close(self) -> None:
-        self._lockstep.close()
+        self._executor.close()
         for evaluator, _ in self._filmed.values():
             evaluator.renew()  # policy and player are closed below
         for evaluator in (*self._experts.values(), self._players):

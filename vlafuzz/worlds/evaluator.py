@@ -18,6 +18,7 @@ FRAMES = 5  # of a film, for a second of the rollout, at least
 FILMED = 80  # frames of a rollout that lasts as long as it may, at least: 16 seconds of the tabletop
 BLANK = 0.5  # of the pixels; with mini's light at six times the usual 91 to 96 % are white, at 3.6 times 1 %
 FILM_SPEED = 3  # times real time: a failing rollout takes 16 seconds
+Seeded = Scene | tuple[Scene, int]  # a scene, perhaps with the seed of its rollout; else that of the conditions
 T = TypeVar("T")
 Asking = Generator[Observation | float, ActionChunk | None, T]
 Evaluation = Asking[Outcome]
@@ -149,8 +150,8 @@ class SceneEvaluator(ABC):
         """The camera of the recording, if it has one."""
         return self._recording.camera if self._recording else None
 
-    def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
-        return [drive(self.evaluation(scene), self._policy) for scene in scenes]
+    def evaluate(self, scenes: Sequence[Seeded]) -> list[Outcome]:
+        return [drive(self.evaluation(*(one if isinstance(one, tuple) else (one,))), self._policy) for one in scenes]
 
     def close(self) -> None:
         self.renew()
