@@ -60,10 +60,8 @@ class SimulatorSceneRunner:
     Raises:
         UsageError: the run's policy is code that the user did not name, see ``check_trusted``.
 
-    Attributes:
-        lanes: scenes that are rolled out at a time.
-        changed: names of the conditions that come with the installation and are not as they were in the run.
-        elsewhere: where the run was made, in words; empty if it was made here.
+    ``lanes``: scenes at a time. ``changed``: names of the conditions that come with the installation and were others in
+    the run. ``elsewhere``: where the run was made, in words; empty if it was made here.
     """
 
     def __init__(self, source: Path, conditions: Conditions, policy: Policy | str | None = None) -> None:

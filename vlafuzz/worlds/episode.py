@@ -65,8 +65,7 @@ class Episode(ABC):
         horizon: control steps after which a rollout without success ends.
 
     Attributes:
-        actions: so far, ``(7,)`` each, metric. over: whether no other follows.
-        monitor: of its stages.
+        actions: so far, ``(7,)`` each, metric. over: whether no other follows. monitor: of its stages.
         states_hash: of all states so far, bit by bit; a subclass makes and updates it.
         state: at present, in a world whose own policies act by it: see ``GymPolicy``.
     """

@@ -56,10 +56,9 @@ class GymWorld(ValuesWorld[Now]):
     A subclass has ``tasks``, ``parameters`` and ``make``, and may have the other methods of the first part.
     Stages other than success alone are ``Stage``s by the ``Now``.
 
-    Attributes:
-        fresh: make a new environment for every rollout, for one that keeps something over its reset.
-        has_own_start: whether the nominal scene is to equal the environment's own start.
-        packages: distributions whose versions decide outcomes, besides gymnasium and the environment's.
+    ``fresh``: make a new environment for every rollout, for one that keeps something over its reset. ``has_own_start``:
+    whether the nominal scene is to equal the environment's own start. ``packages``: distributions whose versions decide
+    outcomes, besides gymnasium and the environment's.
     """
 
     fresh: bool = False
@@ -206,8 +205,10 @@ class GymWorld(ValuesWorld[Now]):
         return numbers[0] if len(numbers) == 1 else np.concatenate([np.zeros(0), *numbers])
 
     def fingerprint(self, state: Now) -> bytes:
-        seen = map(np.ndarray.tobytes, _leaves(state.observation))
-        return b"".join([*seen, _TWO.pack(state.reward, state.terminated)])
+        seen, end = state.observation, _TWO.pack(state.reward, state.terminated)
+        if type(seen) is np.ndarray:  # most are, and each step counts
+            return seen.tobytes() + end
+        return b"".join([*map(np.ndarray.tobytes, _leaves(seen)), end])
 
     def ended(self, state: Now) -> bool:
         return state.terminated or state.truncated
@@ -243,7 +244,7 @@ class GymWorld(ValuesWorld[Now]):
 
     def _fitted(self, action: Array) -> Any:
         shape, dtype, low, high = self._row
-        if action.shape == shape:  # most are, and each step counts
+        if action.shape == shape:  # most do
             fitting = action.copy() if action.dtype is dtype else action.astype(dtype)
             numbers = fitting.tolist()  # of so few, Python compares them faster than NumPy
             if all(map(le, low, numbers)) and all(map(le, numbers, high)):
@@ -337,7 +338,7 @@ class GymPolicy:
     def by_state(self, now: Now) -> Sequence[Array]:
         """The next actions to execute. Without an observation around the state it takes a third of the time."""
         world, spec = self._world, self.spec
-        with self._blamed:
+        try:
             given = np.asarray(self._act(now))
             if (given.shape, given.dtype) == self._row:
                 return (given.copy(),)  # since a policy may use its array again; the world looks at the numbers
@@ -347,6 +348,9 @@ class GymPolicy:
                 rows = np.pad(rows, ((0, 0), (0, 1)))
             (chunk,) = check_chunks([ActionChunk(rows)], 1, spec.name, spec.action.width)
             return list(chunk.actions[: spec.execute])
+        except (Exception, SystemExit) as error:  # in place of ``with``, for which every step would pay
+            self._blamed.__exit__(None, error, None)
+            raise
 
     def close(self) -> None:
         """Close the environment by which the action space was read."""

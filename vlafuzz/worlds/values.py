@@ -170,10 +170,8 @@ class ValuesWorld(World, Generic[State]):
     Actions are the policy's seven numbers, of which the world uses as many of the first ones as it needs, or as many as
     ``action_width`` and the policy's ``ActionSpec`` say.
 
-    Attributes:
-        tasks: their names; ``parameters``: the values that a reset takes, in all of them.
-        stages: milestones by the state, the last one success.
-        horizon: control steps after which a rollout ends; ``control_hz``: of them in a second.
+    ``tasks``: their names; ``parameters``: the values that a reset takes, in all of them. ``stages``: milestones by the
+    state, the last one success. ``horizon``: control steps after which a rollout ends; ``control_hz``: in a second.
     """
 
     robots = (ROBOT,)
