@@ -95,7 +95,8 @@ def table(rows: Sequence[Mapping[str, Any]], title: str = "") -> Table:
     table = Table(title=title or None, title_justify="left", header_style="bold")
     for key in rows[0] if rows else ["nothing"]:
         numbers = all(isinstance(row[key], int | float) for row in rows)
-        table.add_column(key, justify="right" if numbers else "left", overflow="fold")
+        whole = not table.columns and all(len(_shown(row[key])) <= 25 for row in rows)  # as names of rows have
+        table.add_column(key, justify="right" if numbers else "left", overflow="fold", no_wrap=whole)
     for row in rows:
         table.add_row(*(_shown(value) for value in row.values()))
     return table
