@@ -80,8 +80,7 @@ def test_what_a_refusal_leaves_unchecked_is_named():
 
 def test_values_for_which_no_time_was_left_are_named(monkeypatch):
     monkeypatch.setattr(soundness, "LONG", 0.0)
-    last = findings("Carts")["not checked"]
-    assert last.found == "the effects of mass, mark, slope, floor"
+    assert findings("Carts")["not checked"].found == "the effects of mass, mark, slope, floor"
 
 
 def test_doctor_checks_a_world_also_in_another_process(capsys):
