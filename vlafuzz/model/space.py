@@ -1,6 +1,5 @@
 """Space: every scene that a world's operators can make of a task, as points of a unit cube."""
 
-import copy
 import math
 import re
 from abc import ABC, abstractmethod
@@ -115,7 +114,8 @@ class Space(ABC):
 
     def narrowed(self, severity: float) -> Self:
         """The same space with all ranges scaled towards nominal, by a factor in (0, 1]."""
-        space = copy.copy(self)
+        space = object.__new__(type(self))  # a copy, of spaces that pickle by the name of their world, too
+        space.__dict__.update(self.__dict__)
         space._scale(replace(self.operators, severity=severity))  # type: ignore[type-var]
         return space
 
