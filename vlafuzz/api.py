@@ -164,7 +164,7 @@ def diff(
     Args:
         policy_a: the name of the first policy, if it is another one than in ``a``; ``policy_b`` likewise.
         trust: load the code of a ``python:`` policy that a store names.
-        options: ``label_a``, ``label_b``, ``alpha`` and ``watch`` of ``diff_policies``.
+        options: ``alpha`` and ``watch`` of ``diff_policies``.
     """
     with trusting(*[EVERYTHING] * trust):
         return diff_policies(Path(a), Path(b), policy_a, policy_b, **options)

@@ -10,6 +10,7 @@ A strategy's runs of several budgets are one run, as far as its beginning does n
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 
@@ -34,8 +35,9 @@ class Later(Causes):
     """Attributes failures of random scenes only, and only once so many have been drawn."""
 
     def __init__(self, space: Source, seed: int, draws: int) -> None:
-        super().__init__(space, seed, severe=False)
-        self._first = draws
+        super().__init__(space, seed)
+        self._first, self._alone = draws, deque()
+        self._draws.due = lambda asked: True  # type: ignore[method-assign]
 
     def _begin(self) -> None:
         if self._asked >= self._first:

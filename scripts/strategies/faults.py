@@ -124,9 +124,12 @@ class World:
         rng = np.random.default_rng([self.seed, int(scene.digest[:16], 16), number])
         met = self.met(scene)
         noise = float(rng.random())
-        lost = min((self.faults[index].stage for index in met), default=0)
-        if (met and rng.random() < self.rate) or rng.random() < self.background:
-            reached = stages[:lost]
+        lost = [self.faults[index].stage for index in met] if met and rng.random() < self.rate else []
+        if rng.random() < self.background:
+            shares = np.random.default_rng([self.seed, 5]).dirichlet(np.ones(len(stages)))  # of failures by chance
+            lost.append(int(np.searchsorted(np.cumsum(shares[:-1]), rng.random())))
+        if lost:
+            reached = stages[: min(lost)]
             return Outcome.of((_rollout(scene, (len(reached) + 0.5 * noise) / len(stages), reached, LATEST),), stages)
         late = {"smooth": self._nearness(scene), "flat": 0.5, "noise": noise}[self.signal]
         steps = SOONEST + round(late * (LATEST - SOONEST))

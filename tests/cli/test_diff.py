@@ -163,7 +163,6 @@ def test_a_store_without_certified_causes_still_says_which_policy_to_try(tmp_pat
     ("arguments", "says"),
     [
         (["old", "old"], "old and old are both of the policy idle"),
-        (["old", "old", "--label-a", "v1"], "v1 and idle cannot both answer at idle hint: serve one of them elsewhere"),
         (["old", "new", "--policy-b", "nobody"], "unknown policy 'nobody'"),
         (["old", "new", "--alpha", "2"], "--alpha: expected a probability"),
         (["old", "missing.db"], "missing.db: no such store"),

@@ -102,8 +102,6 @@ def diff(
     b: Annotated[Path, typer.Argument(help="A store or a corpus of the second policy.")],
     policy_a: Annotated[str | None, option("The first policy, if it has another name now.", "as in A")] = None,
     policy_b: Annotated[str | None, option("The second policy, if it has another name now.", "as in B")] = None,
-    label_a: Annotated[str | None, option("Which model the first policy is, or which one in A.", "as in A")] = None,
-    label_b: Annotated[str | None, option("Which model the second policy is, or which one in B.", "as in B")] = None,
     alpha: AlphaFlag = 0.05,
     out: Annotated[Path | None, option("Write one HTML page, with films of both.", "the terminal")] = None,
     videos: VideosFlag = True,
@@ -126,9 +124,7 @@ def diff(
         check_place(out)
     views = [view_of(source) for source in (a, b)] if out else []
     with Bar() as bar:
-        result = diff_policies(
-            a, b, policy_a, policy_b, label_a=label_a or "", label_b=label_b or "", alpha=alpha, watch=bar
-        )
+        result = diff_policies(a, b, policy_a, policy_b, alpha=alpha, watch=bar)
     if json:
         print_json(difference_document(result))
     else:

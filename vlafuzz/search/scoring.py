@@ -31,6 +31,11 @@ class Score:
         return self.verdict is Verdict.FAILED
 
     @property
+    def lost(self) -> str | None:
+        """The stage that a failure lost, as its cell says it; None unless FAILED."""
+        return (self.cell or "").partition("|")[0] if self.failed else None
+
+    @property
     def rolled_out(self) -> bool:
         """Whether the verdict is about the policy."""
         return self.verdict >= Verdict.PASSED

@@ -124,8 +124,6 @@ def diff_policies(
     policy_a: str | None = None,
     policy_b: str | None = None,
     *,
-    label_a: str = "",
-    label_b: str = "",
     alpha: float = 0.05,
     watch: Watch = SILENT,
 ) -> Difference:
@@ -133,13 +131,12 @@ def diff_policies(
 
     Args:
         policy_a: name of the policy of ``a`` now; None for that in ``a``; ``policy_b`` likewise.
-        label_a: which model that is, or which of the models in ``a``; ``label_b`` likewise.
 
     Raises:
         UsageError: both are the same model, at one address, on different tasks, or one has several.
         StoreError: none of them has a certified cause.
     """
-    first, second = known(a, label_a), known(b, label_b)
+    first, second = known(a), known(b)
     if not (first.causes or second.causes):
         raise StoreError(f"{a} and {b}: neither has a certified cause", hint="`vlafuzz triage` certifies some")
     one, other = _two_models(first, second, policy_a, policy_b)
@@ -162,7 +159,7 @@ def _two_models(first: Known, second: Known, policy_a: str | None, policy_b: str
     one = replace(first.model, policy=policy_a or first.model.policy)
     other = replace(second.model, policy=policy_b or second.model.policy)
     if one == other:
-        hint = "name another one: --policy-a, --policy-b; or --label-a, --label-b for models at one address"
+        hint = "name another one: --policy-a, --policy-b"
         raise UsageError(f"{first.source} and {second.source} are both of the policy {one}", hint=hint)
     if one.replaces(other):
         problem = f"{one.which or one} and {other.which or other} cannot both answer at {one.address}"
@@ -176,28 +173,21 @@ def _two_models(first: Known, second: Known, policy_a: str | None, policy_b: str
     return one, other
 
 
-def known(source: Path, label: str = "") -> Known:
+def known(source: Path) -> Known:
     """The certified failures in a store or corpus.
-
-    Args:
-        label: the model; only its failures, where the runs have labels.
 
     Raises:
         StoreError: it has no run.
-        UsageError: it has several models or tasks, or none of that label.
+        UsageError: it has several models or tasks.
     """
     listing = listing_of(source)
     failing = {one.run.key() for one in listing.failures}
     runs = [run for run in listing.runs if run.key() in failing] or list(listing.runs)
-    runs = [run for run in runs if run.named == label] or runs
     if not runs:
         raise StoreError(f"{source}: has no run", hint="`vlafuzz run` begins one")
     if len({(run.tested, run.task) for run in runs}) > 1:
         problem = f"{source}: has failures of several policies or tasks"
-        raise UsageError(problem, hint="name a label, --label-a NAME; or give a corpus of one run")
-    model = runs[0].tested
-    if label and model.label not in ("", label):
-        raise UsageError(f"{source} is of {model}, not of {label}", hint="leave the label out")
+        raise UsageError(problem, hint="give a corpus of one run")
     number = {run.key(): index for index, run in reversed(list(enumerate(runs)))}
     causes, probes = dict[Scene, str](), list[Probe]()
     for one in listing.failures:
@@ -205,9 +195,7 @@ def known(source: Path, label: str = "") -> Known:
             causes[one.scene] = one.signature
             title = titled(one.operators, one.causes)
             probes.append(Probe(one.scene, "failing", title, number[one.run.key()], passed=False))
-    return Known(
-        source=source, model=replace(model, label=label or model.label), runs=runs, causes=causes, probes=probes
-    )
+    return Known(source=source, model=runs[0].tested, runs=runs, causes=causes, probes=probes)
 
 
 def diff(

@@ -6,7 +6,6 @@ A failure with the values of a cause that is certified already needs no search o
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from vlafuzz.failures.triage.contrast import HOPELESS, likely
 from vlafuzz.failures.triage.oracle import Answer, Oracle
 from vlafuzz.failures.triage.path import Path, deviating, directed, free_genes, start_values
 from vlafuzz.failures.triage.shrink import Reference, Shrinker
@@ -50,14 +49,6 @@ class Shrunk:
     def minimal(self) -> bool:
         """Whether every operator left is shown to matter."""
         return self.firm and bool(self.operators) and not self.unresolved
-
-    @property
-    def hopeless(self) -> bool:
-        """Whether an effect of the operators together has become improbable."""
-        if self.firm or self.usual is None or not self.rate.rollouts:
-            return False
-        counts = self.rate.failures, self.rate.rollouts, self.usual.failures, self.usual.rollouts
-        return likely(*counts) < HOPELESS
 
     @property
     def problem(self) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from vlafuzz.common.arrays import Mask
 from vlafuzz.search.causes.background import Background
 from vlafuzz.search.causes.rules import Rule
-from vlafuzz.search.causes.suspects import FIRM, Suspects
+from vlafuzz.search.causes.suspects import FIRM, Ended, Suspects
 from vlafuzz.search.causes.units import Levels, Units
 
 SURE = 0.95  # probability of a set of units from which on it only has to be shown that none can be missing
@@ -22,7 +22,6 @@ LONGER = 2.0  # times the background: so much longer do attributions take where 
 BY_CHANCE = 0.95  # probability that a failure is one by chance from which it is given up
 REPEATED = 4  # rollouts of a scene before it is said to show a cause
 WITHOUT = 2  # and of it without one of its units: of rows from 300 rollouts 98 % are true, with one rollout 93 %
-QUIET = 0.06  # background up to which an answer may rest on the tests that it was chosen by
 
 
 class Attribution:
@@ -31,13 +30,12 @@ class Attribution:
     Tests are chosen by how much they tell about the suspects, until one of them is almost sure or that takes too long.
     Then units are removed one by one from the smallest set that failed, until it takes all of them. That answer, which
     was chosen for its outcomes, is confirmed by tests that it does not rest on: with all of its units the scene fails
-    more often than by chance, and without any one of them it does not. Of a policy that seems never to fail by chance,
-    the latter may rest on any tests. After an answer that is refuted, another one is looked for.
+    more often than by chance, and without any one of them it does not. After an answer that is refuted, another one is
+    looked for.
 
     Args:
         confirmed: log likelihood ratio that tests of the answer have to show.
-        quiet: whether most attributions have found a cause.
-        answer: the units that a predecessor's cause takes, which are confirmed or refuted as an answer is.
+        answer: the units that a predecessor's cause takes, if any, which are confirmed or refuted as an answer is.
 
     Attributes:
         inherited: there was such an answer, and the scene need not have failed.
@@ -47,24 +45,17 @@ class Attribution:
     """
 
     def __init__(
-        self,
-        levels: Levels,
-        suspects: Suspects,
-        background: Background,
-        *,
-        confirmed: float,
-        quiet: bool,
-        answer: Mask | None = None,
+        self, levels: Levels, suspects: Suspects, background: Background, *, confirmed: float, answer: Mask | None
     ) -> None:
         self.levels, self.suspects = levels, suspects
-        self._background, self._confirmed, self._quiet = background, confirmed, quiet
+        self._background, self._confirmed = background, confirmed
         self._longer = 1 + LONGER * background.rate
         self.waiting, self._sure = False, False
         self._looked = 0.0  # number of tests when the last answer was refuted
         self.cause: Mask | None = None
         self.scene: Mask | None = None
         self._answer, self.inherited = answer, answer is not None
-        self._outcomes = defaultdict[bytes, list[bool]](list)  # of the tests that confirm the answer: whether it failed
+        self._outcomes = defaultdict[bytes, list[Ended]](list)  # of the tests that confirm the answer
 
     @property
     def answered(self) -> bool:
@@ -83,7 +74,8 @@ class Attribution:
                 answer = suspects.deviating if is_alone else suspects.smallest
                 if answer.sum() > LARGEST or not (is_alone or self._sure or suspects.tests - self._looked < most):
                     return None
-                self._propose(answer)
+                self._answer = answer
+                self._outcomes.clear()
             kept = self._confirm()
             if kept is not None or self.cause is not None or is_alone or self.inherited:
                 return kept
@@ -96,20 +88,16 @@ class Attribution:
         kept = self.suspects.next_test(rng) if not self._sure and tests < few else None
         return self.suspects.without_one() if kept is None and tests < most else kept
 
-    def learn(self, kept: Mask, *, failed: bool) -> None:
+    def learn(self, kept: Mask, ended: Ended) -> None:
         """Learn the outcome of a test."""
         if not kept.any():
-            self._background.learn(failed=failed)
+            self._background.learn(failed=bool(ended))
             return
         if self._answer is not None:
-            self._outcomes[kept.tobytes()].append(failed)
-        self.suspects.learn_test(kept, failed=failed)
+            self._outcomes[kept.tobytes()].append(ended)
+        self.suspects.learn_test(kept, ended)
         chance, has_failed = self.suspects.best()
         self._sure = chance >= SURE and has_failed
-
-    def _propose(self, answer: Mask) -> None:
-        self._answer = answer
-        self._outcomes.clear()
 
     def _confirm(self) -> Mask | None:
         """The next test of the answer; None if it is confirmed or refuted."""
@@ -128,12 +116,13 @@ class Attribution:
             without[unit] = False
             if not without.any():  # the reference, whose failures make the background
                 continue
-            found = self._evidence(without)
+            found = self._ratio(self._outcomes[without.tobytes()])
             if self.suspects.is_unfair(without):
                 needed[unit] = self.suspects.rollouts(without) > 0 and self.suspects.evidence(without) < 0
                 continue
             if found > self._confirmed:
-                self._propose(without)
+                self._answer = without
+                self._outcomes.clear()
                 return without
             if found > -self._confirmed or self.suspects.rollouts(without) < WITHOUT:
                 return without
@@ -141,15 +130,9 @@ class Attribution:
             self.cause, self.scene = needed, answer
         return None
 
-    def _evidence(self, kept: Mask) -> float:
-        """Log likelihood ratio of the tests of the answer: these units are in a fault, or they are not."""
-        if self._quiet and self._background.rate < QUIET:
-            return self.suspects.evidence(kept)
-        return self._ratio(self._outcomes[kept.tobytes()])
-
-    def _ratio(self, outcomes: Sequence[bool]) -> float:
-        failures = sum(outcomes)
-        return self.suspects.ratio(failures, len(outcomes) - failures, self._background.chances)
+    def _ratio(self, outcomes: Sequence[Ended]) -> float:
+        """Log likelihood ratio of tests of the answer: their units are in a fault, or they are not."""
+        return self.suspects.ratio([outcomes.count(ended) for ended in Ended], self._background.chances)
 
     def tests(self, units: Units) -> dict[str, tuple[bool, ...]]:
         """The tests of the cause, see ``Cause``; none unless each resets one operator, and to nominal."""
@@ -158,11 +141,12 @@ class Attribution:
         nominal = all(units.reference == [gene.grid.nominal_level for gene in units.genes])
         if not nominal or len(names) < self.cause.sum() or (self.cause != self.scene).any():
             return {}
-        tests = {"": tuple(self._outcomes[self.cause.tobytes()])}
+        tests = {"": tuple(map(bool, self._outcomes[self.cause.tobytes()]))}
         for name, unit in zip(names, np.flatnonzero(self.cause), strict=True):
             without = self.cause.copy()
             without[unit] = False
-            tests[name] = tuple(self._outcomes[without.tobytes()] if without.any() else self._background.outcomes)
+            outcomes = self._outcomes[without.tobytes()] if without.any() else self._background.outcomes
+            tests[name] = tuple(map(bool, outcomes))
         return tests
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+
 import numpy as np
 
 from vlafuzz.common.arrays import Array
@@ -23,13 +25,14 @@ class Background:
 
     Attributes:
         has_reference: whether there is one: the nominal scene is, once it has passed.
-        asked: rollouts of the reference that were asked for, without its first; outcomes: of it,
-            whether each failed.
+        asked: rollouts of the reference that were asked for, without its first; outcomes: of it, whether each failed.
+        lost: how many failures that no known cause explains lost each stage.
     """
 
     def __init__(self, *, has_reference: bool = False) -> None:
         self.has_reference, self.asked = has_reference, 0
         self.outcomes: list[bool] = []
+        self.lost = defaultdict[str, float](float)
         self._log = np.log(PRIOR)
         self._draws = self._failing = 0.0
 
@@ -68,6 +71,15 @@ class Background:
         if budget:
             soon = PASSED if budget < SHORT else min(SOON, budget // OFTEN)
         return self.asked + 1 < min(NOMINAL, max(few, soon))
+
+    def usual(self, lost: str, by_chance: float) -> tuple[float, float]:
+        """The share of failures by chance that lose this stage, and the probability that one which did is one of these.
+
+        ``by_chance``: that probability without the stage. Causes are taken to lose each stage equally often.
+        """
+        stages = max(2, len(self.lost))
+        share = (self.lost[lost] + 1) / (sum(self.lost.values()) + stages)
+        return share, by_chance * share * stages / (by_chance * share * stages + 1 - by_chance)
 
     def learn(self, *, failed: bool) -> None:
         """Learn an outcome of the reference."""

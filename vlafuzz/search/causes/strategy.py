@@ -15,7 +15,7 @@ from vlafuzz.search.causes.attribution import LONGER, Attribution, Test
 from vlafuzz.search.causes.background import Background
 from vlafuzz.search.causes.draws import PLAIN, TOGETHER, Draws
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
-from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Suspects
+from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Ended, Suspects
 from vlafuzz.search.causes.units import Levels, Units
 from vlafuzz.search.causes.waiting import Waiting
 from vlafuzz.search.probability import Probability
@@ -29,7 +29,6 @@ ROUNDS = 115
 TESTS = 20  # of an attribution: none begins that cannot be completed
 POSSIBLE = 0.12  # chance from which a rule is tried on a failure
 MEMORY = 400  # scenes that an attribution learns from
-REPEATS = 3  # of the first failures as they are: they show how often a fault makes the policy fail
 ELSEWHERE = 0.1  # least chance that a scene fails for a reason other than a suspected one
 TRIALS = 3  # of a rule on a failure, at most: with 6, a run finds 5 % fewer causes at 20 % background
 ALONE, SEVERE = 0.15, 0.3  # share of scenes with one unit at an end, and of severe ones, that fail for a cause
@@ -55,15 +54,13 @@ class Causes:
     chance, the more of these.
     """
 
-    def __init__(
-        self, space: Source, seed: int, budget: int | None = None, *, severe: bool = True, like: Sequence[Cause] = ()
-    ) -> None:
+    def __init__(self, space: Source, seed: int, budget: int | None = None, *, like: Sequence[Cause] = ()) -> None:
         self._space, self._seed, self._asked, self._rolled_out = space, seed, 0, 0
         self._budget = budget
         self.outstanding = max(LEAST_OUTSTANDING, (budget or 0) // ROUNDS)
         self._proposals = ProposalFactory(space)
         self._units = Units(space.genes)
-        self._draws = Draws(self._proposals, seed, severe=severe)
+        self._draws = Draws(self._proposals, seed)
         found = ((self._units.levels(cause.genome), cause.operators) for cause in like)
         taken = ((levels, self._units.taken(levels, operators)) for levels, operators in found)
         self._inherited = deque((levels, kept) for levels, kept in taken if kept.any())
@@ -73,8 +70,9 @@ class Causes:
         self._active: list[Attribution] = []
         self._tests: deque[Test] = deque()
         self._out: dict[int, tuple[Test | None, Genome]] = {}
-        self._known: deque[tuple[Levels, bool, float]] = deque(maxlen=MEMORY)
-        self._rates, self._repeats = RATE_WORTH * RATE_PRIOR, REPEATS
+        self._known: deque[tuple[Levels, str | None, float]] = deque(maxlen=MEMORY)  # with the stage that each lost
+        self._lost: dict[bytes, str] = {}  # by failures
+        self._rates = RATE_WORTH * RATE_PRIOR
         self._given_up: list[Levels] = []
         self._alone: deque[Levels] | None = None  # scenes with one unit at an end; None without a reference
         self._refuted = 0  # answers that did not hold when they were tested
@@ -159,13 +157,13 @@ class Causes:
 
     def _may_draw(self, already: int) -> bool:
         """Whether draws are due, as no failure is waiting; one scene is always proposed."""
-        if self._concluding and not self._draws.severe:
-            return False
         return not already or (not self._waiting.any_of_few and len(self._active) < self._at_once())
 
     def _at_once(self) -> int:
         """How many attributions there may be: one that awaits no outcome, and fewer at the end."""
-        left = math.inf if self._budget is None else (self._budget - self._asked) * (1 - PLAIN)
+        if self._budget is None or self._concluding:
+            return sum(each.waiting for each in self._active) + 1
+        left = (self._budget - self._asked) * (1 - PLAIN)
         takes = TESTS * (1 + LONGER * self._background.rate)
         return int(min(sum(each.waiting for each in self._active) + 1, max(2, left // takes)))
 
@@ -190,7 +188,7 @@ class Causes:
 
     def _learn_alone(self, levels: Levels, score: Score) -> None:
         if score.rolled_out:
-            self._remember(levels, failed=score.failed)
+            self._remember(levels, score)
             self._background.learn_alone(ALONE, failed=score.failed)
             if score.failed:
                 self._waiting.add(levels, few=True)
@@ -224,7 +222,7 @@ class Causes:
         odds = (self._refuted + 1) / (len(self._rules) + 1)
         confirmed = max(LEAST_CONFIRMED, math.log((CONFIRMED_ALONE if units == 1 else CONFIRMED) * odds**2))
         about = levels, suspects, self._background
-        self._active.append(Attribution(*about, confirmed=confirmed, quiet=odds < 1, answer=answer))
+        self._active.append(Attribution(*about, confirmed=confirmed, answer=answer))
 
     def _count(self, levels: Levels) -> int:
         """In how many units a scene differs from the reference."""
@@ -239,11 +237,15 @@ class Causes:
             by_chance = self._background.by_chance_of(ALONE if units == 1 else SEVERE)
         if inherited:
             by_chance = 1 - SURVIVES
-        suspects = Suspects(severity, self._rates / self._rates.sum(), self._background.chances, by_chance)
+        usual, lost = 1.0, self._lost.get(levels.tobytes())
+        if lost is not None:
+            usual, by_chance = self._background.usual(lost, by_chance)
+        suspects = Suspects(severity, self._rates / self._rates.sum(), self._background.chances, by_chance, usual)
         if self._known and not inherited and units > 1:
-            scenes, failed, otherwise = map(np.array, zip(*self._known, strict=True))
-            alike = self._units.alike(self._units.deviations(scenes), deviations)
-            suspects.learn_scenes(alike, failed, np.maximum(otherwise, self._draws.elsewhere))
+            scenes, stages, otherwise = zip(*self._known, strict=True)
+            alike = self._units.alike(self._units.deviations(np.array(scenes)), deviations)
+            ended = [Ended.of(stage, lost) for stage in stages]
+            suspects.learn_scenes(alike, ended, np.maximum(otherwise, self._draws.elsewhere))
         return suspects
 
     def _promise(self, levels: Levels) -> float:
@@ -266,7 +268,7 @@ class Causes:
         for attribution in list(self._active):
             if attribution.waiting or attribution not in self._active:  # the end of one may stop another
                 continue
-            while (kept := self._kept(attribution, rng)) is not None:
+            while (kept := attribution.next_test(rng)) is not None:
                 genome = self._fair(self._units.keep(attribution.levels, kept), rng)
                 if genome is not None:
                     attribution.waiting = True
@@ -274,13 +276,6 @@ class Causes:
                 attribution.suspects.rule_out(kept)
             self._end(attribution)
         return None
-
-    def _kept(self, attribution: Attribution, rng: np.random.Generator) -> Mask | None:
-        """The units that the next test keeps: of the first failures all, to see how firm they are."""
-        if self._repeats:
-            self._repeats -= 1
-            return attribution.suspects.deviating
-        return attribution.next_test(rng)
 
     def _fair(self, levels: Levels, rng: np.random.Generator) -> Genome | None:
         """The genome of a scene if it is fair; of one beside it if it is known."""
@@ -305,7 +300,7 @@ class Causes:
         is_random = self._draws.is_random(number)
         if not score.rolled_out or number == 0 or not self._draws.learn(number, failed=score.failed):
             return
-        explained = self._remember(levels, failed=score.failed)
+        explained = self._remember(levels, score)
         if is_random:
             self._background.learn_draw(1 - explained, failed=score.failed)
         if score.failed:
@@ -313,16 +308,19 @@ class Causes:
         elif not (self._background.has_reference or self._background.is_due(self._asked, self._budget)):
             self._refer()
 
-    def _remember(self, levels: Levels, *, failed: bool) -> float:
+    def _remember(self, levels: Levels, score: Score) -> float:
         """Keep a scene for attributions to come; returns the chance that a rule explains a failure there."""
         explained = float(self._rules.explain(self._units.deviations(levels[None]), self._units)[0])
         otherwise = 1 - (1 - explained) * (1 - self._background.rate)
-        self._known.append((levels, failed, min(max(ELSEWHERE, otherwise), 0.98)))
+        self._known.append((levels, score.lost, min(max(ELSEWHERE, otherwise), 0.98)))
+        if score.lost is not None:
+            self._lost[levels.tobytes()] = score.lost
+            self._background.lost[score.lost] += 1 - explained
         return explained
 
     def _refer(self) -> None:
         """Take the least severe scene that passes as the reference, once there are enough."""
-        passing = np.array([levels for levels, failed, _ in self._known if not failed])
+        passing = np.array([levels for levels, lost, _ in self._known if lost is None])
         if len(passing) >= PASSES:
             severities = [self._units.severity(one).sum() for one in self._units.deviations(passing)]
             self._units = Units(self._space.genes, passing[int(np.argmin(severities))])
@@ -334,9 +332,9 @@ class Causes:
             self._miss(test)
             return
         attribution.waiting = False
-        attribution.learn(test.kept, failed=score.failed)
+        attribution.learn(test.kept, Ended.of(score.lost, self._lost.get(attribution.levels.tobytes())))
         if not score.failed:
-            self._remember(self._units.keep(test.scene, test.kept), failed=False)
+            self._remember(self._units.keep(test.scene, test.kept), score)
 
     def _miss(self, test: Test) -> None:
         """A test had no outcome."""
