@@ -256,7 +256,7 @@ def test_a_scene_in_which_the_policy_sees_white_carries_its_grey_levels(triaged:
     shown = filmed(triaged, partial(beside, Dazzled()), 1, lambda *_: None)
     assert [card.picture for card in shown.cards[:2]] == ["white", "unknown"]
     page = render(shown)
-    assert page.count("100% of its picture is white.") == 1
+    assert page.count("100% of it is white.") == 1
     assert 'data-picture="white"' in page
 
 
