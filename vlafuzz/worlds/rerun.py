@@ -61,7 +61,7 @@ class RerunRecording(Recording):
             self._stream.disconnect()
 
     def _layout(self) -> Any:
-        """What is where, as from beside the camera; and what this shows, what is reached, and what touches what."""
+        """The layout shows things from beside the camera, and by them its picture, progress, stages and contacts."""
         view = self._rerun.blueprint
         said = view.TextLogView(contents=["stage", "contacts"], name="stages and contacts")
         beside = [view.Spatial2DView(origin=CAMERA), view.TimeSeriesView(origin="progress"), said]

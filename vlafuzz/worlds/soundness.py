@@ -301,7 +301,7 @@ class _Exam:
         return mine.differs(theirs) is not None or any(look(one, first) != look(one, second) for look in looks)
 
     def _solved(self, one: Parameter, value: Value) -> list[str]:
-        """What the expert comes to with a value, the others nominal."""
+        """Hash the states through which the expert goes with a value, the others nominal."""
         scene = self.world.scene(self.task, self.nominal_values | {one.name: value})
         return [outcome.rollouts[0].states_hash for outcome in self._shown([scene])]
 

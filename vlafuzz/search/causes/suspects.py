@@ -21,8 +21,8 @@ EXACT = 0.4  # worth of a test that may end the attribution, as a share of the m
 UNFAIR = 0.25  # of a test, in the number of tests: it takes time, but no rollout
 RIVALS = 12  # most likely suspects whose unions and differences are considered
 FIRM, AGAIN = 0.93, 3  # expected rate from which one test is enough; else up to three
-# Of failures due to a fault, without those that chance makes at an earlier stage, so many lose another stage than the
-# failure that is attributed; with 0.15, a twentieth fewer causes are found at 40 % background.
+# Share of a fault's failures that lose another stage than the attributed failure did, where chance did not come first;
+# with 0.15, runs certify 3 % fewer causes at 40 % background.
 STRAY = 0.05
 LEAST_EFFECT = 0.2  # by which a scene fails more often inside a fault than outside
 NOISY, OFTEN = 0.08, 10  # background from which a test may be repeated, and how often
@@ -38,7 +38,7 @@ class Ended(IntEnum):
 
     @classmethod
     def of(cls, lost: str | None, there: str | None) -> Ended:
-        """That of a rollout which lost this stage, or none, by the stage of the failure; None if that is unknown."""
+        """Tell how a rollout ended that lost this stage or none, if the failure lost ``there``; None: unknown."""
         if lost is None:
             return cls.PASSED
         return cls.THERE if there in (lost, None) else cls.ELSEWHERE

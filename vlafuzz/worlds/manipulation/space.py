@@ -36,7 +36,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 REDRAWS = 60  # positions tried for one object
 RESTARTS = 200  # attempts at a scene
 HINT = "widen the ranges, or lower min_distance, confounder-count or visible, in your own --operators file"
-# By angle: how the camera is turned, by more than nothing and by less.
+# Words that say how the camera is turned by each angle, where it is positive and where it is negative.
 _TURNED = {
     "pitch": ("the camera tilts down by {}", "the camera tilts up by {}"),
     "yaw": ("the camera turns left by {}", "the camera turns right by {}"),

@@ -30,7 +30,7 @@ from vlafuzz.worlds.tabletop.objects.model import SRGB, ObjectModel
 from vlafuzz.worlds.tabletop.room import Room
 from vlafuzz.worlds.tabletop.tasks import TABLE, State, task as task_named
 
-# Of a policy's pictures; ``full`` as films are, with shadows: 33 instead of 4 ms for one of 224 pixels on a CPU core
+# Quality of the pictures that a policy sees: ``full`` has shadows, and takes 33 instead of 4 ms at 224 pixels on a CPU
 QUALITY = Setting("quality", "fast", ("fast", "full"), served="full")
 
 
