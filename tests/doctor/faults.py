@@ -135,7 +135,6 @@ FAULTS: dict[str, Callable[[str], Policy]] = {
     "NaN": answering(nan),
     "saturated": answering(lambda actions: np.sign(actions) * LIMITS),
     "x and y swapped": answering(lambda actions: actions[:, [1, 0, 2, 3, 4, 5, 6]]),
-    "yaw inverted": answering(lambda actions: actions * [1, 1, 1, 1, 1, -1, 1]),
     "gripper inverted": answering(lambda actions: actions * [1, 1, 1, 1, 1, 1, -1]),
     "BGR": lambda healthy: Changed(healthy, shown(lambda picture: picture[..., ::-1])),
     "upside down": lambda healthy: Changed(healthy, shown(lambda picture: picture[::-1])),
