@@ -12,7 +12,7 @@ from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedEvaluator
 from tests.worlds.reacher import Reacher
 from vlafuzz.campaign import fuzz
-from vlafuzz.campaign.causes import causes_like
+from vlafuzz.campaign.causes import attribution, causes_like
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.errors import StoreError, UsageError
@@ -23,7 +23,7 @@ from vlafuzz.search.causes.strategy import Causes
 from vlafuzz.search.probability import Probability
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.registry import Own, strategy_factory
-from vlafuzz.store.records import Attribution
+from vlafuzz.store.records import Attribution, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
 
@@ -234,23 +234,44 @@ def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch):
         run(path, watch=watch)
 
 
+NOMINAL = SPACE.nominal()
+LOWER_BY = {
+    "camera-orientation": replace(NOMINAL, camera=replace(NOMINAL.camera, pitch=-5.0)),
+    "target-position": replace(NOMINAL, targets=(replace(NOMINAL.targets[0], x=0.06),)),
+}
+
+
+class TwoCauses(Scripted):
+    """Proposes them and random scenes; the target appears lower, by the tilt or as it is nearer to the camera."""
+
+    def __init__(self) -> None:
+        rng = np.random.default_rng(0)
+        super().__init__([SPACE.encode(one) for one in (*LOWER_BY.values(), *(SPACE.sample(rng) for _ in range(60)))])
+
+    def causes(self) -> list[Cause]:
+        return [Cause(SPACE.encode(scene), (name,), 3) for name, scene in LOWER_BY.items()]
+
+
+LOWER = LocalExecutor(PlantedEvaluator([lambda scene: SPACE.measured(scene)["down"] >= 10]))
+
+
 def test_causes_that_act_through_one_quantity_are_kept_as_one(tmp_path: Path):
-    """The target appears lower in the picture, by the camera's tilt or as it is nearer to the camera."""
-    nominal, rng = SPACE.nominal(), np.random.default_rng(0)
-    tilted = replace(nominal, camera=replace(nominal.camera, pitch=-5.0))
-    nearer = replace(nominal, targets=(replace(nominal.targets[0], x=0.06),))
-    listed = [(tilted, "camera-orientation"), (nearer, "target-position")]
-
-    class TwoCauses(Scripted):
-        def causes(self) -> list[Cause]:
-            return [Cause(SPACE.encode(scene), (name,), 3) for scene, name in listed]
-
-    proposed = [SPACE.encode(one) for one in (tilted, nearer, *(SPACE.sample(rng) for _ in range(60)))]
-    lower = PlantedEvaluator([lambda scene: SPACE.measured(scene)["down"] >= 10])
-    found, _ = run(tmp_path / "a.db", LocalExecutor(lower), space=SPACE, strategy=TwoCauses(proposed))
+    found, _ = run(tmp_path / "a.db", LOWER, space=SPACE, strategy=TwoCauses())
     (cause,) = found.causes
     assert (cause.mechanism.quantity, cause.failures) == ("down", 6)
-    assert cause.scene in (tilted, nearer)
+    assert cause.scene in LOWER_BY.values()
+
+
+@pytest.mark.parametrize(("operator", "bucket"), [("target-position", "minimal"), ("camera-orientation", "flaky")])
+def test_of_causes_that_are_one_a_certified_one_is_shown_and_none_that_did_not_hold(
+    operator: str, bucket: str, tmp_path: Path
+):
+    run(tmp_path / "a.db", LOWER, space=SPACE, strategy=TwoCauses())
+    with Store.open(tmp_path / "a.db", "write") as store:
+        about = {"policy_key": store.findings(1)[0].policy_key, "deviating": (operator,), "repeats": 3, "failures": 3}
+        store.settle(Triaged(scene=LOWER_BY[operator], bucket=bucket, **about))
+        (cause,) = attribution(TwoCauses(), SPACE, store, 1).causes
+    assert cause.scene == LOWER_BY["target-position"]
 
 
 @pytest.fixture(scope="module")

@@ -1,22 +1,20 @@
 """The causes that a strategy has found, each with a stored failure that shows it, and those that a run begins with."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from vlafuzz.errors import UsageError
-from vlafuzz.failures.mechanisms import Merged, mechanisms
+from vlafuzz.failures.mechanisms import HARDLY, Merged, mechanisms
 from vlafuzz.model import Scene, Space, Verdict
 from vlafuzz.search.base import Cause, Genome, Strategy, said_by
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
-
-HARDLY = 0.1  # severity up to which other operators may be off: strategies vary scenes that they repeat
 
 Failure = tuple[Scene, Genome]
 
@@ -46,20 +44,21 @@ def attribution(strategy: Strategy, space: Space, store: Store, run: int) -> Att
         for cause in listed
     ]
     merged = mechanisms(space, listed, trials, drawn)
+    standing = dict[Scene | None, int]((row.scene, 1 if row.bucket == "minimal" else -1) for row in store.triaged())
     left = set(range(len(plain))) - {member for one in merged for member in one.members}
-    found = [plain[index] for index in sorted(left)] + [_as_one(plain, one, overall) for one in merged]
+    found = [plain[index] for index in sorted(left)] + [_as_one(plain, one, overall, standing) for one in merged]
     found.sort(key=lambda cause: (-cause.share.value if cause.share else 0.0, -cause.failures))
     return Attribution(tuple(found), len(said_by(strategy, "unexplained", ())), overall, drawn)
 
 
-def _as_one(found: Sequence[FoundCause], merged: Merged, overall: Probability | None) -> FoundCause:
-    """Causes that act through one quantity, shown by the one that explains most failures."""
+def _as_one(
+    found: Sequence[FoundCause], merged: Merged, overall: Probability | None, standing: Mapping[Scene | None, int]
+) -> FoundCause:
+    """Causes that act through one quantity, shown by one that is certified, else not refuted, and explains most."""
     members = [found[index] for index in merged.members]
-    shown = max(members, key=lambda cause: (cause.scene is not None, cause.failures))
-    failures = sum(cause.failures for cause in members)
-    return replace(
-        shown, failures=failures, share=_within(merged.share, overall) or shown.share, mechanism=merged.mechanism
-    )
+    shown = max(members, key=lambda one: (one.scene is not None, standing.get(one.scene, 0), one.failures))
+    share = _within(merged.share, overall) or shown.share
+    return replace(shown, failures=sum(one.failures for one in members), share=share, mechanism=merged.mechanism)
 
 
 def _within(share: Probability | None, overall: Probability | None) -> Probability | None:

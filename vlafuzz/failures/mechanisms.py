@@ -32,11 +32,7 @@ SEVERAL = 30  # scenes of which it is looked whether two operators cancel each o
 
 @dataclass(frozen=True)
 class Merged:
-    """Causes that act through one quantity, with their indices.
-
-    Attributes:
-        share: of random scenes that fail beyond the threshold; None without any.
-    """
+    """Causes that act through one quantity, by index; ``share``: of random scenes that fail by it, None without any."""
 
     mechanism: Mechanism
     members: tuple[int, ...]
@@ -203,17 +199,14 @@ def _candidate(
 
 
 def _merged(run: _Run, best: _Candidate, at_random: Collection[int]) -> Merged:
-    ways = dict[str, str]()
-    for member in best.members:
-        row = run.rows[member]
-        for operator in row.brought_by(best.name, best.sign, best.threshold):
-            ways.setdefault(operator, _way(run.space, row.scene, operator, best.name))
-    threshold, above = best.sign * best.threshold, best.sign > 0
-    mechanism = Mechanism(best.name, threshold, above, tuple(ways.values()), _swapped(run, best, list(ways)))
+    rows = [run.rows[member] for member in best.members]
+    brought = [(row.scene, name) for row in rows for name in row.brought_by(best.name, best.sign, best.threshold)]
+    ways = dict.fromkeys(_way(run.space, scene, operator, best.name) for scene, operator in brought)
+    swapped = _swapped(run, best, {name for _, name in brought})
+    mechanism = Mechanism(best.name, best.sign * best.threshold, best.sign > 0, tuple(ways), swapped)
     drawn = np.array([trial.proposal in at_random for trial in run.trials], dtype=bool)
     failing, scenes = int((best.beyond & run.failed & drawn).sum()), int(drawn.sum())
-    share = Probability(failing / scenes, *wilson(failing, scenes)) if scenes else None
-    return Merged(mechanism, best.members, share)
+    return Merged(mechanism, best.members, Probability(failing / scenes, *wilson(failing, scenes)) if scenes else None)
 
 
 def _way(space: Space, scene: Scene, operator: str, quantity: str) -> str:
@@ -229,17 +222,16 @@ def _way(space: Space, scene: Scene, operator: str, quantity: str) -> str:
     return f"{operator} {direction(space, scene, operator, start)}"
 
 
-def _swapped(run: _Run, best: _Candidate, operators: Sequence[str]) -> bool:
+def _swapped(run: _Run, best: _Candidate, operators: set[str]) -> bool:
     """Whether two operators, each without the other, were tried beyond the threshold, and the policy mostly failed.
 
     Where two of them cancel each other, it must mostly have passed.
     """
     alone = {operator: list[bool]() for operator in operators}
     for trial, beyond, failed in zip(run.trials, best.beyond, run.failed, strict=True):
-        deviating = _deviating(run.space, trial.scene) if beyond else set[str]()
-        for operator in operators:
-            if operator in deviating and len(deviating & set(operators)) == 1:
-                alone[operator].append(bool(failed))
+        deviating = _deviating(run.space, trial.scene) & operators if beyond else set[str]()
+        if len(deviating) == 1:
+            alone[deviating.pop()].append(bool(failed))
     shown = [one for one in alone.values() if len(one) >= REPEATED and sum(one) > len(one) / 2]
     return len(shown) > 1 and not _fails_cancelled(run, best, operators)
 
@@ -250,11 +242,11 @@ def _deviating(space: Space, scene: Scene) -> set[str]:
     return {name for name, members in groups.items() if any(severities.get(each, 0) > HARDLY for each in members)}
 
 
-def _fails_cancelled(run: _Run, best: _Candidate, operators: Sequence[str]) -> bool:
+def _fails_cancelled(run: _Run, best: _Candidate, operators: set[str]) -> bool:
     """Whether the policy mostly fails where an operator would bring the quantity about if another did not undo it."""
     outcomes = list[bool]()
     for trial, beyond, failed in zip(run.trials, best.beyond, run.failed, strict=True):
-        deviating = [] if beyond else [name for name in operators if name in _deviating(run.space, trial.scene)]
+        deviating = set[str]() if beyond else _deviating(run.space, trial.scene) & operators
         if len(deviating) < 2 or len(outcomes) == SEVERAL:
             continue
         values = (run.space.measured(reset(run.space, trial.scene, name))[best.name] for name in deviating)

@@ -33,6 +33,22 @@ def test_a_camera_that_moves_shifts_the_target(camera: dict[str, float], quantit
     assert {name: values[name] for name in ("reach", "nearest")} == {"reach": USUAL["reach"], "nearest": math.inf}
 
 
+def test_a_tilted_camera_makes_the_target_seem_nearer_or_farther_and_a_turned_one_beside():
+    for pitch in (-3.0, 3.0):
+        tilted = with_camera(pitch=pitch)
+        assert tilted["depth"] == pytest.approx(tilted["aside"], abs=0.005)
+        assert 0.03 < tilted["depth"] < 0.09
+    turned = with_camera(yaw=3.0)
+    assert turned["depth"] < turned["aside"] / 3
+    assert 0.03 < turned["aside"] < 0.09
+
+
+def test_with_the_usual_camera_a_target_seems_to_be_where_it_is_wherever_that_is():
+    values = SPACE.measured(replace(NOMINAL, targets=(replace(NOMINAL.targets[0], x=0.05, y=-0.1),)))
+    assert values["down"] > 5
+    assert (values["aside"], values["depth"]) == pytest.approx((0, 0), abs=1e-9)
+
+
 def test_in_the_dark_the_target_is_darker_and_less_apart_from_the_table():
     dark = SPACE.measured(replace(NOMINAL, light=Light(0.1)))
     assert dark["brightness"] < USUAL["brightness"] / 2

@@ -55,10 +55,13 @@ def _of_target(picture: Picture, scene: Scene, index: int, usual: Array) -> dict
     right, down = (picture.place(index) - usual).tolist()
     hidden, (colours, areas) = picture.hidden(index), picture.colours(index)
     bright = float(np.average(colours.mean(axis=1), weights=areas)) if len(colours) else math.nan
+    seems, is_ = picture.seems(index)
     base, target = rig(scene.robot).base, scene.targets[index]
     return {
         "right": right,
         "down": down,
+        "aside": math.dist(seems, is_),
+        "depth": abs(math.hypot(*seems) - math.hypot(*is_)),
         "size": hidden.size,
         "brightness": bright,
         "contrast": picture.apart(index, HALF)[0],

@@ -118,6 +118,12 @@ class Picture:
         height, width = self._labels.shape
         return np.asarray(uv[0] * [width, height])
 
+    def seems(self, index: int) -> Array:
+        """``(2, 2)`` where an object seems to be by the usual camera, and where it is: metres from that one."""
+        usual, place = camera_pose(self._rig.view), self._poses[index][1]
+        seen = usual.back_project(self._view.project(place[None])[0], place[2])
+        return (np.stack([seen[0], place]) - usual.position)[:, :2]
+
     def _painted(self) -> Labels:
         robot = [[body] for body in arms.bodies(self._rig, self._scene.initial_pose)]
         bodies = [*self._parts, *robot]
