@@ -36,7 +36,7 @@ TASK, ROLLOUTS = "pick-up", 300
 SHARE, SAMPLE = 0.2, 1000  # of random scenes beyond the threshold, and how many it is measured with
 MECHANISMS = (
     ("down", True), ("down", False), ("right", True), ("right", False),
-    ("size", False), ("brightness", False), ("nearest", False), ("reach", True),
+    ("aside", True), ("depth", True), ("size", False), ("brightness", False), ("nearest", False), ("reach", True),
 )  # fmt: skip
 DENSITIES: tuple[Density, ...] = ("dense", "middling")
 BACKGROUNDS = (0.0, 0.2)
