@@ -123,6 +123,18 @@ def test_actions_of_seven_numbers_arrive_as_they_are():
     assert outcome(world(Seven)(), lambda seen: np.full(7, 0.5)).verdict is not Verdict.ERROR
 
 
+def test_each_number_of_an_action_has_its_own_bounds():
+    class Two(Cart):
+        action_space = spaces.Box(np.array([-1, 0], np.float32), np.array([1, 5], np.float32))
+
+        def step(self, action):
+            return super().step(action[:1])
+
+    allowed, beyond = (outcome(world(Two)(), lambda _, act=act: np.array(act, "f4")) for act in ([-0.5, 4], [2, 4]))
+    assert allowed.verdict is not Verdict.ERROR
+    assert "the action [2. 4.] does not fit" in beyond.detail
+
+
 def test_a_rollout_ends_where_the_environment_does():
     class Falls(Cart):
         def step(self, action):

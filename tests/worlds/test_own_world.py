@@ -125,6 +125,22 @@ def test_a_policy_that_sees_is_not_called_blind_or_deaf_where_only_values_vary(c
     assert {row["check"]: row["found"] for row in checks}["speed"].endswith("at 10 Hz")  # the world's, not the policy's
 
 
+def test_a_stage_that_is_reached_stays_so_and_is_not_looked_at_again_but_success_is():
+    looks = list[str]()
+    moments = {"grasp": "-gg---", "lift": "ggg---", "success": "---s-s"}
+
+    def stage(name: str) -> Stage:
+        return Stage(name, lambda now: looks.append(name) or moments[name][now] != "-", lambda now: 0.0, steps=1)
+
+    monitor, reached, wins = Monitor(tuple(map(stage, moments))), list[int](), list[bool]()
+    for now in range(6):
+        monitor.observe(now)
+        reached.append(len(monitor.reached))
+        wins.append(monitor.success_now)
+    assert (reached, wins) == ([0, 2, 2, 3, 3, 3], [False, False, False, True, False, True])
+    assert [looks.count(name) for name in moments] == [2, 2, 6]
+
+
 def test_a_nearness_that_is_a_number_of_numpy_gives_a_progress_that_json_can_write():
     monitor = Monitor((Stage("success", lambda now: False, lambda now: np.float32(0.25)),))
     monitor.observe(None)

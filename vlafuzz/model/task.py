@@ -41,23 +41,24 @@ class Monitor:
     """Tracks ``stages``, as of a ``Task``, and progress of a rollout."""
 
     def __init__(self, stages: tuple[Stage, ...]) -> None:
-        self.stages = stages
-        self._streaks = [0] * len(stages)
-        self.reached: list[str] = []
-        self._trace: list[float] = []
+        self.stages, self._trace = stages, list[float]()
+        self._streaks, self.reached, self._open = [0] * len(stages), list[str](), list(range(len(stages)))
 
     def observe(self, situation: Any) -> None:
         """Take notice of the situation after a control step."""
-        stages, streaks, progress = self.stages, self._streaks, 1.0
-        for index, stage in enumerate(stages):
-            streaks[index] = streaks[index] + 1 if stage.holds(situation) else 0
-        if streaks[-1] >= stages[-1].steps:
-            self.reached = [stage.name for stage in stages]
-        while (done := len(self.reached)) < len(stages) - 1 and streaks[done] >= stages[done].steps:
-            self.reached.append(stages[done].name)
-        if done < len(stages):
-            nearness = max(stages[done].nearness(situation), streaks[done] / stages[done].steps, 0.0)
-            progress = (done + min(nearness, 0.99)) / len(stages)
+        stages, streaks, last, progress = self.stages, self._streaks, len(self.stages) - 1, 1.0
+        for index in self._open:
+            holds = stages[index].holds  # a variable, since Python is slow to call what is in a slot
+            streaks[index] = streak = streaks[index] + 1 if holds(situation) else 0
+            if streak and streak >= stages[index].steps and index in (len(self.reached), last):
+                self.reached = [stage.name for stage in stages[: index + 1]]
+                self._open = list(range(min(index + 1, last), last + 1))  # success may be lost again
+        if (done := len(self.reached)) <= last:
+            nearness = stages[done].nearness
+            near = nearness(situation)
+            if streaks[done] or not 0.0 <= near <= 0.99:
+                near = min(max(near, streaks[done] / stages[done].steps), 0.99)
+            progress = (done + near) / len(stages)
         self._trace.append(float(progress))
 
     def cancel(self, stages: tuple[Stage, ...]) -> None:
@@ -66,7 +67,7 @@ class Monitor:
 
     def begin_anew(self) -> None:
         """The task is about something else from now on: no stage is reached. The progress so far remains on record."""
-        self._streaks, self.reached = [0] * len(self.stages), []
+        self._streaks, self.reached, self._open = [0] * len(self.stages), [], list(range(len(self.stages)))
 
     @property
     def success_now(self) -> bool:

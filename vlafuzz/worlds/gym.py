@@ -5,12 +5,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
+from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib import metadata
 from math import prod
-from operator import le
 from struct import Struct
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import gymnasium
 import numpy as np
@@ -28,11 +28,12 @@ from vlafuzz.worlds.values import ValuesWorld
 
 Env = gymnasium.Env[Any, Any]
 SUCCESS = ("success", "is_success")  # keys of an info, by convention
-_TWO = Struct("dd")  # reward and end
-_TRUTHS = (bool, float, np.bool_)  # that need no look at several
+_packed = Struct("dd").pack  # reward and end
+_TRUTHS = (float, bool, np.bool_)  # that need no look at several
 
 
-class Now(NamedTuple):  # is made at each step, in a quarter of the time of a frozen dataclass
+@dataclass(slots=True, eq=False)  # not frozen, since one is made at each step: that would take four times as long
+class Now:
     """A moment of a rollout: what ``reset`` or the last ``step`` of the environment returned.
 
     ``values``: of the scene. ``seed``: of the rollout. ``steps``: control steps so far.
@@ -135,7 +136,7 @@ class GymWorld(ValuesWorld[Now]):
         def make() -> GymPolicy:
             world, made = cls(), act() if isinstance(act, type) else act
             answer, spec = getattr(made, "act", made), world._spec(known, state=True, deterministic=deterministic)
-            return GymPolicy(world, spec, lambda now: answer(now.observation), getattr(made, "reset", None))
+            return GymPolicy(world, spec, answer, getattr(made, "reset", None))
 
         return make
 
@@ -192,10 +193,18 @@ class GymWorld(ValuesWorld[Now]):
         return Now(env, self._name, {}, seed, *env.reset(seed=seed))
 
     def step(self, state: Now, action: ArrayLike) -> Now:
-        env, task, values, seed, *_, steps = state
-        observation, reward, terminated, truncated, info = env.step(self._fitted(np.asarray(action)))
-        now = (env, task, values, seed, observation, info, float(reward), bool(terminated), bool(truncated), steps + 1)
-        return tuple.__new__(Now, now)  # in half of the time
+        shape, dtype, low, high = self._row
+        if type(action) is np.ndarray and action.shape == shape:  # most are
+            fitting: Any = action.copy() if action.dtype is dtype else action.astype(dtype)
+            for number in fitting.tolist():  # so few are compared faster by Python than by NumPy
+                if not low <= number <= high:
+                    fitting = fitted(self.space_of_actions, action)
+                    break
+        else:
+            fitting = fitted(self.space_of_actions, np.asarray(action))
+        env, task, values, seed, steps = state.env, state.task, state.values, state.seed, state.steps + 1
+        seen, reward, terminated, truncated, info = env.step(fitting)
+        return Now(env, task, values, seed, seen, info, float(reward), bool(terminated), bool(truncated), steps)
 
     def observe(self, state: Now) -> Array:
         """All numbers of the observation, pictures left out."""
@@ -205,7 +214,7 @@ class GymWorld(ValuesWorld[Now]):
         return numbers[0] if len(numbers) == 1 else np.concatenate([np.zeros(0), *numbers])
 
     def fingerprint(self, state: Now) -> bytes:
-        seen, end = state.observation, _TWO.pack(state.reward, state.terminated)
+        seen, end = state.observation, _packed(state.reward, state.terminated)
         if type(seen) is np.ndarray:  # most are, and each step counts
             return seen.tobytes() + end
         return b"".join([*map(np.ndarray.tobytes, _leaves(seen)), end])
@@ -235,21 +244,12 @@ class GymWorld(ValuesWorld[Now]):
             self._env = None
 
     @cached_property
-    def _row(self) -> tuple[tuple[int, ...] | None, np.dtype[Any] | None, list[float], list[float]]:
-        """Shape, type, least and largest numbers of an action that is a row of bounded numbers; nothing of others."""
+    def _row(self) -> tuple[tuple[int, ...] | None, np.dtype[Any] | None, float, float]:
+        """Shape, type and common bounds of an action that is a row of bounded numbers; nothing of others."""
         space = self.space_of_actions
         if type(space) is not spaces.Box or space.shape != (self.action_width,) or not space.is_bounded():
-            return None, None, [], []
-        return space.shape, space.dtype, space.low.tolist(), space.high.tolist()
-
-    def _fitted(self, action: Array) -> Any:
-        shape, dtype, low, high = self._row
-        if action.shape == shape:  # most do
-            fitting = action.copy() if action.dtype is dtype else action.astype(dtype)
-            numbers = fitting.tolist()  # of so few, Python compares them faster than NumPy
-            if all(map(le, low, numbers)) and all(map(le, numbers, high)):
-                return fitting
-        return fitted(self.space_of_actions, action)
+            return None, None, 0.0, 0.0
+        return space.shape, space.dtype, float(space.low.max()), float(space.high.min())
 
     def _spec(self, name: str, **about: Any) -> PolicySpec:
         return PolicySpec(name, action=ActionSpec(width=self.action_width), **about)
@@ -317,12 +317,12 @@ def fitted(space: spaces.Space[Any], action: Array) -> Any:
 
 
 class GymPolicy:
-    """Acts by the ``Now`` of each observation, as a policy or expert; ``begin`` is told the seed of each rollout."""
+    """Acts by the observation where its spec asks for the ``state``, else by the ``Now``; ``begin`` gets each seed."""
 
     attempt = 0
 
     def __init__(
-        self, world: GymWorld, spec: PolicySpec, act: Callable[[Now], Any], begin: Callable[[int], Any] | None = None
+        self, world: GymWorld, spec: PolicySpec, act: Callable[[Any], Any], begin: Callable[[int], Any] | None = None
     ) -> None:
         self.spec, self._world, self._act, self._begin = spec, world, act, begin
         self._row, self._blamed = world._row[:2], BlamedOn(spec.name)
@@ -339,9 +339,10 @@ class GymPolicy:
         """The next actions to execute. Without an observation around the state it takes a third of the time."""
         world, spec = self._world, self.spec
         try:
-            given = np.asarray(self._act(now))
-            if (given.shape, given.dtype) == self._row:
+            given = self._act(now.observation if spec.state else now)
+            if type(given) is np.ndarray and (given.shape, given.dtype) == self._row:
                 return (given.copy(),)  # since a policy may use its array again; the world looks at the numbers
+            given = np.asarray(given)
             several = given.ndim > len(world.space_of_actions.shape or ())
             rows = given.reshape(len(given) if several else 1, -1)
             if world.action_width - 1 == WIDTH == rows.shape[1]:
@@ -358,8 +359,6 @@ class GymPolicy:
 
 
 def _leaves(observation: Any) -> list[NDArray[Any]]:
-    if isinstance(observation, np.ndarray):
-        return [observation]
     if isinstance(observation, Mapping | tuple | list):
         parts = observation.values() if isinstance(observation, Mapping) else observation
         return [leaf for part in parts for leaf in _leaves(part)]
