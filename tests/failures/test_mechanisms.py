@@ -80,10 +80,10 @@ def test_of_a_camera_that_is_off_along_several_axes_the_one_that_matters_is_name
 def test_tilts_in_either_direction_are_one_row_if_the_target_seems_nearer_or_farther_by_as_much():
     up = replace(NOMINAL, camera=replace(NOMINAL.camera, pitch=5.0))
     listed = [*causes(camera_orientation=PITCHED), *causes(camera_orientation=up)]
-    trials = run(lambda scene: SPACE.measured(scene)["depth"] >= 0.05, [PITCHED, up], draws=120)
+    trials = run(lambda scene: SPACE.measured(scene)["depth"] >= 5, [PITCHED, up], draws=120)
     (one,) = mechanisms(SPACE, listed, trials)
     assert (one.mechanism.quantity, one.members) == ("depth", (0, 1))
-    assert one.mechanism.threshold == pytest.approx(0.05, abs=0.01)
+    assert one.mechanism.threshold == pytest.approx(5, abs=1)
     assert one.mechanism.ways == ("camera-orientation -pitch", "camera-orientation +pitch")
 
 

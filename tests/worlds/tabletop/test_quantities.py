@@ -36,11 +36,11 @@ def test_a_camera_that_moves_shifts_the_target(camera: dict[str, float], quantit
 def test_a_tilted_camera_makes_the_target_seem_nearer_or_farther_and_a_turned_one_beside():
     for pitch in (-3.0, 3.0):
         tilted = with_camera(pitch=pitch)
-        assert tilted["depth"] == pytest.approx(tilted["aside"], abs=0.005)
-        assert 0.03 < tilted["depth"] < 0.09
+        assert tilted["depth"] == pytest.approx(tilted["aside"], abs=0.5)
+        assert 3 < tilted["depth"] < 9
     turned = with_camera(yaw=3.0)
     assert turned["depth"] < turned["aside"] / 3
-    assert 0.03 < turned["aside"] < 0.09
+    assert 3 < turned["aside"] < 9
 
 
 def test_with_the_usual_camera_a_target_seems_to_be_where_it_is_wherever_that_is():

@@ -60,8 +60,8 @@ def _of_target(picture: Picture, scene: Scene, index: int, usual: Array) -> dict
     return {
         "right": right,
         "down": down,
-        "aside": math.dist(seems, is_),
-        "depth": abs(math.hypot(*seems) - math.hypot(*is_)),
+        "aside": 100 * math.dist(seems, is_),
+        "depth": 100 * abs(math.hypot(*seems) - math.hypot(*is_)),
         "size": hidden.size,
         "brightness": bright,
         "contrast": picture.apart(index, HALF)[0],
