@@ -156,7 +156,7 @@ class HttpConnection:
     def reply(self, wait: float) -> tuple[int, bytes]:
         """Status and body of the response, of which something has to come within ``wait`` seconds, and then all."""
         until = time.monotonic() + wait
-        with _blamed(self.url, wait):
+        with _blamed(self.url, self._timeout):
             self._line.sock.settimeout(max(wait, 0.001))
             with self._line.getresponse() as response:
                 body = b""
@@ -207,7 +207,7 @@ class WebSocketConnection:
     def receive(self, wait: float | None = None) -> bytes | str:
         """The next message, within ``wait`` seconds; by default the connection's timeout."""
         wait = self._timeout if wait is None else wait
-        with self._blamed(wait):
+        with self._blamed(self._timeout):  # a message names what was asked for, not what was left of it
             return self._socket.recv(max(wait, 0.0))
 
     def close(self) -> None:
