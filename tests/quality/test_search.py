@@ -38,7 +38,7 @@ def in_two_of_three(holds: Callable[[int], bool]) -> bool:
     return first == 2 or (first == 1 and holds(2))
 
 
-@cases(REGIONS, "two operators, objects")
+@cases(REGIONS, "two operators")
 def test_guided_finds_twice_what_random_finds_in_two_of_three_runs(name: str, case: str):
     assert in_two_of_three(lambda seed: found(name, seed, case) >= 2 * found("random", seed, case))
 

@@ -67,7 +67,7 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[object, ...]]:
     return trials(tmp_path_factory.mktemp("alone") / "a.db", 1, f"{MODELS}:Own")
 
 
-@pytest.mark.parametrize("executor", ["processes", "ray"])
+@pytest.mark.parametrize("executor", ["processes", pytest.param("ray", marks=pytest.mark.slow)])
 def test_two_workers_do_what_one_process_does(tmp_path: Path, alone, executor: str, request):
     if executor == "ray":
         request.getfixturevalue("connected")
