@@ -264,7 +264,9 @@ def test_a_run_at_all_severities_says_where_one_half_fails(tmp_path: Path):
         for proposal in range(60):
             outcome = failed() if severity_of(proposal) > 0.4 else passed()
             opened.add(1, ended(SPACE.sample(rng), outcome, proposal))
-        (row,) = view_of_store(opened).tables[-1].rows
+        view = view_of_store(opened)
+    (row,), severity = view.tables[-1].rows, view.plots[0].severity
+    assert severity.curve[4][1][0] < 0.05 < 0.95 < severity.curve[-5][1][0]
     assert re.search(r"; one half fails at severity 0\.4\d? of the ranges, ", str(row["scenes that failed"]))
 
 

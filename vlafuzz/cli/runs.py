@@ -39,7 +39,7 @@ from vlafuzz.failures.triage.pipeline import (
 )
 from vlafuzz.model import Verdict
 from vlafuzz.report.cards import evidence, told
-from vlafuzz.report.tables import half_in_words, half_of_run, rate_of, standings_of
+from vlafuzz.report.tables import half_of_run, rate_of, standings_of
 from vlafuzz.search.base import looks_for_causes, said_by
 from vlafuzz.search.severity import NAME as SEVERITY
 from vlafuzz.store.records import UNFINISHED
@@ -186,7 +186,7 @@ def _print_end(summary: Summary, found: CauseList | None, again: str) -> None:
         if rate and (rate.low > 0 or rate.high < 1):
             sure = f"{percent(rate.value)} of random scenes fail ({interval(rate.low, rate.high)})"
         elif summary.strategy == SEVERITY:
-            sure = f"one half fails at severity {half_in_words(half_of_run(store, summary.run))}"
+            sure = f"one half fails at severity {half_of_run(store, summary.run)}"
         step = _next(store, summary, found, again)
     print_lines(told(found, causes, failed, judged), style="bold red" if failed else "bold green")
     print_lines(f"{sure}: {evidence(summary.rollouts, found)}", style="bold")

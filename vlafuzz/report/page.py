@@ -63,6 +63,7 @@ def _plot_data(plot: Plot, view: View) -> dict[str, Any]:
         "random": plot.random,
         "enough": ENOUGH,
         "axes": axes,
+        "severity": asdict(plot.severity) | {"bands": []} if plot.severity else None,
         "points": [
             [int(failed), int(drawn), cards.get(scene.digest), *plot.values(scene)]
             for scene, failed, drawn in plot.scenes[:: -(-len(plot.scenes) // MOST)]

@@ -66,7 +66,7 @@ function curve(plot, axis) {
       Plot.frame({ className: "frame" }),
       Plot.ruleY([0.5], { className: "grid" }),
       Plot.rect(axis.bands, { x1: "0", x2: "1", title: "2", className: "fails" }),
-      Plot.areaY(axis.curve, { x: "0", y1: ([, [, low]]) => low, y2: ([, [, , high]]) => high, className: plot.random < plot.enough ? "few" : "band" }),
+      Plot.areaY(axis.curve, { x: "0", y1: ([, [, low]]) => low, y2: ([, [, , high]]) => high, className: axis.id && plot.random < plot.enough ? "few" : "band" }),
       Plot.ruleX(edges(axis), { className: "edge" }),
       Plot.ruleX(usual(axis), { className: "usual" }),
       Plot.lineY(axis.curve, { ...place, className: "curve" }),
@@ -76,7 +76,7 @@ function curve(plot, axis) {
     ],
   });
   const x = picture.scale("x");
-  brushed(picture, Plot.brushX, box(size), ([left, right]) => ranged(axis, x.invert(left), x.invert(right)));
+  if (axis.id) brushed(picture, Plot.brushX, box(size), ([left, right]) => ranged(axis, x.invert(left), x.invert(right)));
   return picture;
 }
 
@@ -252,7 +252,7 @@ const matters = (axis) => {
 function draw(root) {
   const plot = plots[root.dataset.plot];
   if (plots.length > 1) root.append(html("h3", { class: "of" }, plot.title));
-  if (plot.random < plot.enough) {
+  if (plot.random && plot.random < plot.enough) {
     const few = plot.random === 1 ? "There is 1 random scene" : `There are ${plot.random} random scenes`;
     root.append(html("p", { class: "warn" }, `${few}: too few for curves that mean much, which are hatched. From ${plot.enough} on they are drawn in full.`));
   }
@@ -261,6 +261,7 @@ function draw(root) {
     root.append(element);
     return (other) => element.querySelector("svg").replaceWith(other);
   };
+  if (plot.severity) panel([plot.severity.name], curve(plot, plot.severity));
   const sorted = [...plot.axes].sort((a, b) => matters(b) - matters(a));
   for (const map of plot.maps) {
     const [across, along] = [map.across, map.along].map((id) => plot.axes.find((axis) => axis.id === id));
@@ -282,7 +283,7 @@ function draw(root) {
     const says = "Red: fails. Blue: passes. Where red lines meet on an axis, its value matters; those along which the failure rate changes most come first.";
     panel(["Random scenes, a line each"], parallel(plot, sorted.slice(0, ROWS), width), "plot tall broad", says);
   }
-  for (const several of Plot.group(sorted, (axis) => axis.operator).values()) {
+  for (const several of plot.random ? Plot.group(sorted, (axis) => axis.operator).values() : []) {
     const title = several.length > 1 ? pick(several, several[0], "Quantity", (axis) => swap(curve(plot, axis))) : several[0].name;
     const swap = panel([title], curve(plot, several[0]));
   }

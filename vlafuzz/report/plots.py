@@ -13,6 +13,7 @@ from vlafuzz.common.statistics import Share, wilson
 from vlafuzz.model import Scene, Space
 from vlafuzz.model.scene import unit_of
 from vlafuzz.model.space import spoken
+from vlafuzz.search.severity import half_of
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import SceneMap
 
@@ -81,12 +82,14 @@ class Plot:
 
     Attributes:
         scenes: that passed or failed, each with whether it failed, and whether it was drawn without regard to outcomes.
+        severity: how far scenes reach towards the ends of the ranges, if a run was to find where one half fails.
     """
 
     title: str
     space: Space
     axes: tuple[Axis, ...]
     scenes: Sequence[tuple[Scene, bool, bool]]
+    severity: Axis | None
 
     @property
     def random(self) -> int:
@@ -130,8 +133,10 @@ def value_in(space: Space, scene: Scene, operator: str, quantity: str) -> Value 
     return value if value is None or isinstance(value, (int, float)) else str(value).replace("_", " ")
 
 
-def plot_of(title: str, space: Space, scenes: Sequence[tuple[Scene, bool, bool]]) -> Plot:
-    """The plot of scenes, see ``Plot.scenes``."""
+def plot_of(
+    title: str, space: Space, scenes: Sequence[tuple[Scene, bool, bool]], severities: Sequence[tuple[float, bool]] = ()
+) -> Plot:
+    """The plot of ``Plot.scenes``; ``severities``: of a run at all of them, and whether each scene failed."""
     drawn = [(scene, failed) for scene, failed, random in scenes if random]
     failed = np.array([failed for _, failed in drawn], dtype=bool)
     axes = []
@@ -150,7 +155,11 @@ def plot_of(title: str, space: Space, scenes: Sequence[tuple[Scene, bool, bool]]
             axis = replace(axis, low=-most if min(numbers) < 0 else min(numbers), high=most)
         places = np.array([axis.value(space, scene) for scene, _ in drawn], dtype=float)  # None is no number
         axes.append(_rated(axis, places[~np.isnan(places)], failed[~np.isnan(places)]))
-    return Plot(title, space, tuple(axes), scenes)
+    if not severities:
+        return Plot(title, space, tuple(axes), scenes, None)
+    half, (reach, bad) = half_of(severities), np.array(severities).T
+    severity = Axis(operator="", quantity="severity", name=f"severity: one half fails at {half}", nominal=half.value)
+    return Plot(title, space, tuple(axes), scenes, _rated(severity, reach, bad == 1))
 
 
 def _rated(axis: Axis, values: Array, failed: Mask) -> Axis:

@@ -18,6 +18,7 @@ from vlafuzz.report.cards import card_of, evidence, sentence, told
 from vlafuzz.report.plots import Plot, plot_of
 from vlafuzz.report.tables import Standing, Table, cause_table, draws, row_of_run, run_table, standings_of
 from vlafuzz.report.view import Head, View
+from vlafuzz.search.severity import NAME as SEVERITY, severity_of
 from vlafuzz.store.database import is_being_written
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
@@ -82,14 +83,17 @@ def _comparable(runs: Sequence[Run]) -> list[list[Run]]:
 
 def _plot(store: Store, runs: Sequence[Run]) -> Plot:
     """The scenes of some runs that passed or failed, each once; what a run drew at random is random."""
-    scenes: dict[str, tuple[Scene, bool, bool]] = {}
+    scenes, severities = dict[str, tuple[Scene, bool, bool]](), list[tuple[float, bool]]()
     for run in runs:
         drawn = draws(store, run)
         for trial in store.trials(run.id):
             if trial.outcome.judged:
                 random = drawn(trial) or (trial.scene.digest in scenes and scenes[trial.scene.digest][2])
                 scenes[trial.scene.digest] = (trial.scene, not trial.outcome.passed, random)
-    return plot_of(title_of([runs[0].manifest]), space_of(store.path, runs[0].manifest), list(scenes.values()))
+                if run.manifest.strategy == SEVERITY:
+                    severities.append((severity_of(trial.proposal), not trial.outcome.passed))
+    space = space_of(store.path, runs[0].manifest)
+    return plot_of(title_of([runs[0].manifest]), space, list(scenes.values()), severities)
 
 
 def _shown(listing: Listing, runs: Sequence[Run]) -> Iterator[tuple[ListedCause, DescribedFailure | None, str]]:

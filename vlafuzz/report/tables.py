@@ -106,15 +106,6 @@ def half_of_run(store: Store, run: int) -> Half:
     return half_of([(severity_of(trial.proposal), not trial.outcome.passed) for trial in judged])
 
 
-def half_in_words(half: Half) -> str:
-    """The severity at which one half fails, as a phrase."""
-    if half.low >= 1:
-        return "above 1: fewer than one half fail in the whole ranges"
-    if half.high <= 0:
-        return "0: nominal scenes fail as often"
-    return f"{half.value:.2f} of the ranges, 95% interval {half.low:.2f}–{half.high:.2f}{'+' * (half.high >= 1)}"
-
-
 @dataclass(frozen=True)
 class Table:
     """Rows with the same keys, which are the column heads; the first column names the row."""
@@ -170,7 +161,7 @@ def _counted(store: Store, run: Run) -> dict[str, object]:
     reached = Counter(stage for rollout in rollouts for stage in rollout.reached)
     rate = f", {failed}" if run.manifest.strategy == RANDOM and failed.of else ""
     if run.manifest.strategy == SEVERITY:
-        rate = f"; one half fails at severity {half_in_words(half_of_run(store, run.id))}"
+        rate = f"; one half fails at severity {half_of_run(store, run.id)}"
     return {
         "status": run.status,
         "scenes that failed": f"{failed.count} of {failed.of}{rate}",

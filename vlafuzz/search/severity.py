@@ -17,10 +17,7 @@ _SLOPES = np.geomspace(0.5, 60.0, 60)  # of the log odds, for each unit of sever
 
 
 def severity_of(number: int) -> float:
-    """The severity of the proposal with this number: they fill (0, 1) evenly, however many there are.
-
-    Van der Corput's sequence in base 2.
-    """
+    """The severity of the proposal with this number: van der Corput's sequence in base 2, which fills (0, 1) evenly."""
     digits = f"{number + 1:b}"[::-1]
     return float(int(digits, 2)) / 2.0 ** len(digits)
 
@@ -43,6 +40,13 @@ class Half(NamedTuple):
     value: float
     low: float
     high: float
+
+    def __str__(self) -> str:
+        if self.low >= 1:
+            return "above 1: fewer than one half fail in the whole ranges"
+        if self.high <= 0:
+            return "0: nominal scenes fail as often"
+        return f"{self.value:.2f} of the ranges, 95% interval {self.low:.2f}–{self.high:.2f}{'+' * (self.high >= 1)}"
 
 
 def half_of(outcomes: Sequence[tuple[float, bool]]) -> Half:

@@ -34,7 +34,6 @@ _SHARPEST = 0.15  # steps
 # 80 % instead of 93 % of the intervals held where a policy passes 30 % beyond the threshold.
 _BEFORE = {0.01: 0.5, 0.06: 0.3, 0.2: 0.2}
 _BEYOND = {0.01: 0.5, 0.06: 0.25, 0.2: 0.15, 0.4: 0.1}
-_MOST_BY_CHANCE = 0.5  # of the background; beyond, the rise is too small to be located
 
 
 class Located(NamedTuple):
@@ -215,13 +214,12 @@ class Crossing:
     """
 
     def __init__(self, upper: float, background: float = 0.0) -> None:
-        edges = np.linspace(0.0, upper, _CELLS + 1)
+        self._edges = np.linspace(0.0, upper, _CELLS + 1)
         widths = np.geomspace(_SHARPEST, max(upper / 2, 2 * _SHARPEST), _WIDTHS)
-        chance = min(background, _MOST_BY_CHANCE) if background > max(_BEFORE) else 0.0
+        chance = min(background, 0.5) if background > max(_BEFORE) else 0.0  # beyond, the rise is too small
         low, high = chance + (1 - chance) * np.array([*_BEFORE]), 1 - (1 - chance) * np.array([*_BEYOND])
-        self._edges = edges
         self._middle, self._width, self._low, self._high = np.meshgrid(
-            (edges[:-1] + edges[1:]) / 2, widths, low, high, indexing="ij"
+            (self._edges[:-1] + self._edges[1:]) / 2, widths, low, high, indexing="ij"
         )
         self._weight = np.sqrt(self._width) * np.multiply.outer([*_BEFORE.values()], [*_BEYOND.values()])
         self._weight /= self._weight.sum()

@@ -86,7 +86,8 @@ class Causes:
             self._begin()
             due = self._draws.due(self._asked)
             test = self._nominal_test(rng) or (None if due else self._alone_test(rng) or self._next_test(rng))
-            if not (test or due or self._may_draw(len(proposals))):
+            failures_wait = self._waiting.any_of_few or len(self._active) >= self._at_once()
+            if proposals and failures_wait and not (test or due):  # one scene is always proposed
                 break
             genome = test[1] if test else self._draws.draw(self._asked, rng, self._units, self._rules)
             self._out[self._asked] = test[0] if test else None, genome
@@ -154,10 +155,6 @@ class Causes:
         Its interval holds at any time until the budget is spent, and then for this number of rollouts.
         """
         return self._draws.probability(over=self._budget is not None and self._rolled_out >= self._budget)
-
-    def _may_draw(self, already: int) -> bool:
-        """Whether draws are due, as no failure is waiting; one scene is always proposed."""
-        return not already or (not self._waiting.any_of_few and len(self._active) < self._at_once())
 
     def _at_once(self) -> int:
         """How many attributions there may be: one that awaits no outcome, and fewer at the end."""
