@@ -43,9 +43,6 @@ class Later(Causes):
         if self._asked >= self._first:
             super()._begin()
 
-    def _may_draw(self, already: int) -> bool:
-        return self._asked < self._first or super()._may_draw(already)
-
 
 def hunt(world: World, strategy: Strategy, budget: int) -> Course:
     """The course of a strategy that reports causes."""

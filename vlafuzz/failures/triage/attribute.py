@@ -31,7 +31,7 @@ _CELLS = 240  # of the grid over the crossing
 _WIDTHS = 9  # of the rise, from far less than a step to half of the path, weighted by their square roots
 _SHARPEST = 0.15  # steps
 # Failure rates far before the crossing, and pass rates far beyond it, with their weights. Without a pass rate of 0.4,
-# 80 % instead of 93 % of the intervals held where a policy passes 30 % beyond the threshold.
+# 82 % instead of 93 % of the intervals held where a policy passes 30 % beyond the threshold.
 _BEFORE = {0.01: 0.5, 0.06: 0.3, 0.2: 0.2}
 _BEYOND = {0.01: 0.5, 0.06: 0.25, 0.2: 0.15, 0.4: 0.1}
 
