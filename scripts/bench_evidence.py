@@ -172,7 +172,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="JSON file for the raw results")
     options = parser.parse_args()
     seeds = range(options.seed, options.seed + options.repeats)
-    several = product(options.backgrounds, options.densities, seeds)
+    densities = options.densities[:1] if options.flat else options.densities  # without faults all are the same
+    several = product(options.backgrounds, densities, seeds)
     jobs = [Job(density, background, seed, options) for background, density, seed in several]
     with ProcessPoolExecutor(options.workers) as pool:
         results = list(zip(jobs, pool.map(run, jobs), strict=True))

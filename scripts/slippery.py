@@ -1,7 +1,7 @@
 """Policies made unreliable on purpose: in a share of its rollouts mini lets every grasp go.
 
-``python:slippery:ten`` in this folder does so in 10 % of them, ``twenty`` in 20 % and ``forty`` in 40 %. Scene and seed
-decide, so that a rollout can be repeated. Letting single grasps go is not enough: mini always grasped again, and 90
+``python:slippery:ten`` in this folder does so in 10 % of them, ``twenty`` in 20 % and ``forty`` in 40 %, and
+``libero_twenty`` is mini-libero that does in 20 %. Scene and seed decide, so that a rollout can be repeated. Letting single grasps go is not enough: mini always grasped again, and 90
 nominal rollouts passed.
 """
 
@@ -9,22 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from zlib import crc32
 
 import numpy as np
 
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
-from vlafuzz.policies.mini.policy import Mini
+from vlafuzz.policies.mini.policy import SHIPPED, Mini
 
 HELD = 4  # control steps for which a grasp holds before the gripper opens
 
 
 class Slippery:
-    """Mini, whose gripper opens soon after each grasp in a share of the rollouts."""
+    """Mini, or the one that such a folder has, whose gripper opens soon after each grasp in a share of the rollouts."""
 
-    def __init__(self, share: float) -> None:
-        self._mini, self._share = Mini(), share
-        self.spec = replace(self._mini.spec, name=f"mini-slippery-{share:.2f}")
+    def __init__(self, share: float, folder: Path = SHIPPED) -> None:
+        self._mini, self._share = Mini(folder), share
+        self.spec = replace(self._mini.spec, name=f"{self._mini.spec.name}-slippery-{share:.2f}")
         self._closed: dict[str, int] = {}  # steps since the gripper closed, of the rollouts that slip
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
@@ -66,3 +67,8 @@ def twenty() -> Slippery:
 def forty() -> Slippery:
     """Fails about two rollouts in five by chance."""
     return Slippery(0.4)
+
+
+def libero_twenty() -> Slippery:
+    """Acts in LIBERO, and fails about one rollout in five by chance."""
+    return Slippery(0.2, SHIPPED / "libero")
