@@ -1,4 +1,4 @@
-"""Fetch has to push a block to a goal: gymnasium-robotics 1.4 (pip install gymnasium-robotics pettingzoo mujoco==3.3.0)."""
+"""Fetch pushes a block to a goal: gymnasium-robotics 1.4 (pip install gymnasium-robotics pettingzoo mujoco==3.3.0)."""
 
 from pathlib import Path
 
