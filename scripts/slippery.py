@@ -1,8 +1,8 @@
 """Policies made unreliable on purpose: in a share of its rollouts mini lets every grasp go.
 
 ``python:slippery:ten`` in this folder does so in 10 % of them, ``twenty`` in 20 % and ``forty`` in 40 %, and
-``libero_twenty`` is mini-libero that does in 20 %. Scene and seed decide, so that a rollout can be repeated. Letting single grasps go is not enough: mini always grasped again, and 90
-nominal rollouts passed.
+``libero_twenty`` is mini-libero that does in 20 %. Scene and seed decide, so that a rollout can be repeated. Letting
+single grasps go is not enough: mini always grasped again, and 90 nominal rollouts passed.
 """
 
 from __future__ import annotations
