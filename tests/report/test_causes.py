@@ -98,6 +98,7 @@ def test_a_cause_that_is_not_confirmed_is_listed_last_and_says_so(store: Store):
     found = certified(store, DARK)
     assert [cause.row()["evidence"] for cause in found.causes] == ["certified", "not confirmed", "not confirmed"]
     assert (found.certified, found.found) == (1, 3)
+    assert told(found, found.causes[1:], 9, 14) == "Fails, but no suspected cause held when its scene was repeated."
 
 
 def test_the_targets_type_is_listed_unless_the_nominal_targets_fail_too(store: Store):

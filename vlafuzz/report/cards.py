@@ -51,12 +51,10 @@ def evidence(rollouts: int, found: CauseList | None) -> str:
 
 
 def sentence(causes: Sequence[ListedCause]) -> str:
-    """A sentence such as ``Fails when the camera tilts down by at least 4.2°, or it is dark``.
-
-    Of causes of which some are certified only those.
-    """
+    """A sentence such as ``Fails when the camera tilts down, or it is dark``; of certified causes, if any."""
     certain = [cause for cause in causes if cause.bucket == "minimal"]
-    told = certain or [cause for cause in causes if cause.bucket != "flaky"] or list(causes)
+    if not (told := certain or [cause for cause in causes if cause.bucket != "flaky"]):
+        return "Fails, but no suspected cause held when its scene was repeated."
     titles = list({cause.signature or cause.title: cause.title for cause in reversed(told)}.values())[::-1]
     more = f", and for {plural(len(titles) - SAID, 'other cause')}" if len(titles) > SAID else ""
     return f"{'Fails' if certain else 'Probably fails'} when {', or '.join(titles[:SAID])}{more}."
