@@ -116,15 +116,12 @@ def test_there_may_always_be_confounders_in_ranges_of_their_own(count: str, tmp_
         f"  confounder-count: {count}\n"
     )
     own = SearchSpace(load_operators(tmp_path / "own.yaml"), CATALOGUE, "pick-up")
-    found = operators(played(dark, 120, where=own))
-    assert found == {("light",)}
+    assert operators(played(dark, 120, where=own)) == {("light",)}
 
 
 def test_a_cause_that_takes_less_replaces_one_that_chance_has_left_more_in():
-    genes = space("pick-up", "light", "target-position").genes
-    units = Units(genes, np.array([gene.grid.nominal_level for gene in genes]))
-    light = next(i for i, unit in enumerate(units.units) if unit.operator == "light")
-    place = next(i for i, unit in enumerate(units.units) if unit.operator == "target-position")
+    units = Units(space("pick-up", "light", "target-position").genes)
+    light, place = ([unit.operator for unit in units.units].index(name) for name in ("light", "target-position"))
     rules = Rules()
     for several in ([place, light], [light]):
         levels, kept = units.reference.copy(), np.zeros(len(units.units), dtype=bool)
@@ -133,13 +130,16 @@ def test_a_cause_that_takes_less_replaces_one_that_chance_has_left_more_in():
             kept[index] = True
         deviations = units.deviations(levels[None])[0]
         added = rules.add(Rule.of(kept, levels, deviations, units, {}), deviations, units)
-    assert list(rules) == [added]
-    assert (added.kept.sum(), added.hits) == (1, 2)
+    assert (list(rules), added.kept.sum(), added.hits) == ([added], 1, 2)
+
+
+def test_where_nothing_varies_nothing_is_a_cause():
+    nothing = SearchSpace(load_operators().only(()), CATALOGUE, "pick-up")
+    assert operators(played(lambda _: True, 20, where=nothing)) == set()
 
 
 def test_every_cause_of_a_policy_that_confounders_disturb_has_confounders():
-    found = operators(played(crowded, 200))
-    assert found
+    assert (found := operators(played(crowded, 200)))
     assert all("confounders" in cause for cause in found)
 
 

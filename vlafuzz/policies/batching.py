@@ -6,7 +6,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from threading import Condition
+from threading import Condition, Lock
 from typing import cast
 
 from vlafuzz.errors import PolicyError
@@ -126,6 +126,7 @@ class BatchingPolicy:
 class _Pending:
     caller: int
     request: Request
+    turn: Condition  # its caller alone waits on it: of all that wait on one, each answer would wake every one
     answer: Answer | None = None
 
 
@@ -143,28 +144,29 @@ class ServedPolicy:
     def __init__(self, policy: Policy, wait: float = WAIT, longest: float | None = None) -> None:
         self.spec, self._longest, self.newcomers = policy.spec, longest, itertools.count()
         self._batching, self._most, self._wait = BatchingPolicy(policy), policy.spec.max_batch, wait
-        self._changed, self._busy, self._took = Condition(), False, 0.0
+        self._busy, self._took, self._lock = False, 0.0, Lock()
+        self._more, self._idle = Condition(self._lock), Condition(self._lock)
         self._pending: list[_Pending] = []
         self._live: set[int] = set()  # callers in the middle of a rollout, which will send requests
 
     def leave(self, caller: int) -> None:
-        with self._changed:
-            self._changed.wait_for(lambda: not self._busy)
+        with self._lock:
+            self._idle.wait_for(lambda: not self._busy)
             self._live.discard(caller)
             self._batching.leave(caller)
 
     def ask(self, caller: int, request: Request) -> Sequence[ActionChunk]:
         """One chunk per observation; blocks until they are there, and raises what the policy raised."""
-        mine = _Pending(caller, request)
-        with self._changed:
+        mine = _Pending(caller, request, Condition(self._lock))
+        with self._lock:
             self._pending.append(mine)
             (self._live.add if request.begin or request.act else self._live.discard)(caller)
-            self._changed.notify_all()
-            self._changed.wait_for(lambda: mine.answer is not None or not self._busy)
+            self._more.notify()
+            mine.turn.wait_for(lambda: mine.answer is not None or not self._busy)
             if mine.answer is None:
                 self._busy = True
                 # A client that sends many observations needs longer for all of them than ``wait``.
-                while not self._complete() and self._changed.wait(max(self._wait, PATIENCE * self._took)):
+                while not self._complete() and self._more.wait(max(self._wait, PATIENCE * self._took)):
                     pass  # another request has come
         if mine.answer is None:
             self._answer_all()
@@ -179,7 +181,7 @@ class ServedPolicy:
         return not acting or acting >= min(self._most, len(self._live))
 
     def _answer_all(self) -> None:
-        with self._changed:
+        with self._lock:
             batch, self._pending = self._pending, []
         answers: Sequence[Answer] = [PolicyError("the policy gave no answer")] * len(batch)
         began = time.monotonic()
@@ -190,11 +192,13 @@ class ServedPolicy:
         finally:  # whatever the policy raises, no caller may wait forever
             if self._longest is not None:
                 faulthandler.cancel_dump_traceback_later()
-            with self._changed:
+            with self._lock:
+                self._busy, self._took = False, time.monotonic() - began
                 for pending, answer in zip(batch, answers, strict=True):
                     pending.answer = answer
-                self._busy, self._took = False, time.monotonic() - began
-                self._changed.notify_all()
+                for pending in [*batch, *self._pending[:1]]:
+                    pending.turn.notify()
+                self._idle.notify_all()
 
 
 def _own(caller: int, episode: str) -> str:

@@ -44,6 +44,10 @@ class Units:
         for index, gene in enumerate(genes):
             members.setdefault(_unit(gene), []).append(index)
         self.units = tuple(Unit(operator, kind, tuple(indices)) for (_, operator, kind), indices in members.items())
+        self._categories = np.array([unit.kind == "category" for unit in self.units])
+        self._members = np.array([index for unit in self.units for index in unit.indices], dtype=np.int64)
+        self._begins = np.cumsum([0, *(len(unit.indices) for unit in self.units)])[:-1]  # of each unit among them
+        self._wraps = np.array([gene.grid.wraps for gene in genes])
         at = {gene.path: index for index, gene in enumerate(genes)}
         self._count = at.get(CONFOUNDERS)  # None where their number does not vary
         self._around = next((i for i, unit in enumerate(self.units) if unit.kind == CONFOUNDERS), -1)
@@ -143,7 +147,17 @@ class Units:
         Of a category 1 + its level, of confounders 1 + their number; 0 for the reference's. The last column is the
         distance of the nearest confounder from the first target, metres; infinite if there is none.
         """
-        return np.stack([*(self._deviation(unit, levels) for unit in self.units), self._nearest(levels)], axis=1)
+        differs = np.logical_or.reduceat((levels != self.reference)[:, self._members], self._begins, axis=1)
+        firsts = self._members[self._begins]
+        here, start, size = levels[:, firsts], self.reference[firsts], self._sizes[firsts]
+        away = here - start
+        around = ((away + size // 2) % size - size // 2) / (size / 2)
+        along = away / np.where(away > 0, np.maximum(size - 1 - start, 1), np.maximum(start, 1))
+        far = np.where(self._wraps[firsts], around, along)
+        far = np.where(self._categories, 1.0 + here, np.where(away == 0, SLIGHT, far))  # 0: another direction
+        if self._around >= 0:
+            far[:, self._around] = 1.0 + self._number(levels)
+        return np.concatenate([np.where(differs, far, 0.0), self._nearest(levels)[:, None]], axis=1)
 
     def _nearest(self, levels: NDArray[np.int64]) -> Array:
         if len(self._axes) < 2:
@@ -159,22 +173,6 @@ class Units:
         if self._count is None:
             return np.zeros(len(levels))
         return np.asarray(self._lows[self._count] + levels[:, self._count])
-
-    def _deviation(self, unit: Unit, levels: NDArray[np.int64]) -> Array:
-        members = list(unit.indices)
-        differs = (levels[:, members] != self.reference[members]).any(axis=1)
-        if unit.kind == CONFOUNDERS:
-            return np.where(differs, 1.0 + self._number(levels), 0.0)
-        index = unit.indices[0]
-        here, start, size = levels[:, index], self.reference[index], self._sizes[index]
-        if unit.kind == "category":
-            return np.where(differs, 1.0 + here, 0.0)
-        away = (here - start).astype(float)
-        if self.genes[index].grid.wraps:
-            away = ((away + size // 2) % size - size // 2) / (size / 2)
-        else:
-            away /= np.where(away > 0, max(size - 1 - start, 1), max(start, 1))
-        return np.where(differs & (away == 0), SLIGHT, away)  # the camera as far off, in another direction
 
     def doses(self, operators: Collection[str], others: Array, one: Array) -> Array:
         """``(n,)`` how far ``others`` deviate in the way of ``one``, as a share of how far it does; by deviations."""
