@@ -26,11 +26,8 @@ def attribution(strategy: Strategy, space: Space, store: Store, run: int) -> Att
     """
     overall: Probability | None = said_by(strategy, "probability", None)
     trials = list(store.trials(run))
-    failures = [
-        (trial.scene, trial.genome)
-        for trial in trials
-        if trial.outcome.verdict is Verdict.FAILED and trial.genome is not None
-    ]
+    failed = (trial for trial in trials if trial.outcome.verdict is Verdict.FAILED)
+    failures = [(trial.scene, trial.genome) for trial in failed if trial.genome is not None]
     listed: Sequence[Cause] = said_by(strategy, "causes", ())
     drawn = tuple(said_by(strategy, "at_random", ()))
     plain = [
@@ -44,7 +41,9 @@ def attribution(strategy: Strategy, space: Space, store: Store, run: int) -> Att
         for cause in listed
     ]
     merged = mechanisms(space, listed, trials, drawn)
-    standing = dict[Scene | None, int]((row.scene, 1 if row.bucket == "minimal" else -1) for row in store.triaged())
+    policy = next(one.manifest.key() for one in store.runs() if one.id == run)
+    triaged = (row for row in store.triaged() if row.policy_key == policy)
+    standing = dict[Scene | None, int]((row.scene, 1 if row.bucket == "minimal" else -1) for row in triaged)
     left = set(range(len(plain))) - {member for one in merged for member in one.members}
     found = [plain[index] for index in sorted(left)] + [_as_one(plain, one, overall, standing) for one in merged]
     found.sort(key=lambda cause: (-cause.share.value if cause.share else 0.0, -cause.failures))
