@@ -126,7 +126,7 @@ class BatchingPolicy:
 class _Pending:
     caller: int
     request: Request
-    turn: Condition  # its caller alone waits on it: of all that wait on one, each answer would wake every one
+    turn: Condition  # of each caller its own, so that an answer wakes that caller alone
     answer: Answer | None = None
 
 

@@ -154,7 +154,7 @@ class Units:
         around = ((away + size // 2) % size - size // 2) / (size / 2)
         along = away / np.where(away > 0, np.maximum(size - 1 - start, 1), np.maximum(start, 1))
         far = np.where(self._wraps[firsts], around, along)
-        far = np.where(self._categories, 1.0 + here, np.where(away == 0, SLIGHT, far))  # 0: another direction
+        far = np.where(self._categories, 1.0 + here, np.where(away == 0, SLIGHT, far))  # as far off, elsewhere
         if self._around >= 0:
             far[:, self._around] = 1.0 + self._number(levels)
         return np.concatenate([np.where(differs, far, 0.0), self._nearest(levels)[:, None]], axis=1)
