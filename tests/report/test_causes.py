@@ -90,7 +90,6 @@ def test_causes_with_one_certified_signature_are_one(store: Store):
     assert (len(tilted.found), tilted.rate.failures, tilted.witness) == (2, 4, "seeing")
     more = f"{found.rollouts} more rollouts certified 3 of 3 causes, 2 of them distinct"
     assert found.sentences == (more, "unexplained: 3 of 14 failures")
-    # each names its minimal scene
     assert all(TILTED(store.scene(cause.scene)) or DARK(store.scene(cause.scene)) for cause in found.causes)
 
 

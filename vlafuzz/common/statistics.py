@@ -91,13 +91,13 @@ def _log_wealth(p0: float, k: float, n: float) -> float:
 
     Most of it is on a rate near 1, so that few outcomes suffice where all agree; the rest is spread evenly.
     """
-    from scipy.special import betaln
-    from scipy.stats import beta
+    from scipy.special import betaincc, betaln
 
     null = k * math.log(p0) + (n - k) * math.log1p(-p0)
     nearly = 1 - (1 - p0) / 10
     peak = k * math.log(nearly) + (n - k) * math.log1p(-nearly) - null
-    spread = betaln(k + 1, n - k + 1) + beta.logsf(p0, k + 1, n - k + 1) - math.log1p(-p0) - null
+    with np.errstate(divide="ignore"):  # nothing is left where p0 is far above k / n
+        spread = betaln(k + 1, n - k + 1) + np.log(betaincc(k + 1, n - k + 1, p0)) - math.log1p(-p0) - null
     return float(np.logaddexp(math.log(_STAKE) + peak, math.log(1 - _STAKE) + spread))
 
 

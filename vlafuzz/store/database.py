@@ -77,7 +77,6 @@ def connect_to_write(path: Path) -> sqlite3.Connection:
     with closed_on_error(connection):
         _check(path, connection, new_allowed=True)
         connection.execute("PRAGMA journal_mode = WAL")
-        connection.execute("PRAGMA synchronous = FULL")  # what `add` acknowledged survives a power cut, too
         connection.execute("PRAGMA foreign_keys = ON")
         migrate(connection, APPLICATION_ID)
     return connection

@@ -2,6 +2,7 @@
 
 import json
 import sqlite3
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -16,13 +17,18 @@ from vlafuzz.store.records import UNFINISHED, Attribution, Finding, Manifest, Ru
 
 T = TypeVar("T")
 _SHOWN = 5  # digests, when a prefix fits several
+UNSURE = 1.0  # seconds of writing that a power cut may lose; waiting for the disk each time takes a quarter of a write
 
 
 class Store:
-    """An open store. Whatever a method has written is on the disk when it returns; without a lock it is only read."""
+    """An open store; without a lock it is only read.
+
+    Whatever a method has written when it returns outlives this process; a power cut loses at most ``UNSURE`` of it.
+    """
 
     def __init__(self, path: Path, connection: sqlite3.Connection, lock: WriterLock | None) -> None:
         self.path, self._connection, self._lock = path, connection, lock
+        self._synced = -UNSURE
         connection.row_factory = sqlite3.Row
 
     @classmethod
@@ -262,9 +268,12 @@ class Store:
     def _transaction(self) -> Iterator[None]:
         assert self._lock is not None, "open the store to write"
         with explained(self.path):
+            due = time.monotonic() >= self._synced + UNSURE
+            self._connection.execute(f"PRAGMA synchronous = {'FULL' if due else 'NORMAL'}")
             self._connection.execute("BEGIN IMMEDIATE")
             with self._connection:
                 yield
+            self._synced = time.monotonic() if due else self._synced
 
     def _insert(self, table: str, row: rows.Row, conflict: str = "") -> int:
         names = ", ".join(f'"{name}"' for name in row)

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
-from importlib import import_module, metadata
+from importlib import metadata
 from pathlib import Path
 
 from vlafuzz import __version__
@@ -20,6 +20,7 @@ from vlafuzz.common.plugins import OBJECT, PREFIX
 from vlafuzz.policies.base import ActionSpec, PolicySpec
 
 _PACKAGES = ("mani_skill", "sapien", "torch", "numpy", "scipy")
+_CHOSEN = ("ATEN_CPU_CAPABILITY", "OMP_NUM_THREADS", "MKL_NUM_THREADS")  # by which torch computes as told
 # Limits that torch does not report, of the libraries that compute for it.
 _LIMITS = ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA", "MKL_ENABLE_INSTRUCTIONS", "MKL_CBWR")
 
@@ -38,10 +39,7 @@ def here(name: str, spec: PolicySpec, renderer: Callable[[], str], *, workers: b
         happen in worker processes, which have one thread each.
     """
     try:
-        version, instructions = _torch()
-        threads = (
-            (1 if workers else import_module("torch").get_num_threads()) if name.startswith((PREFIX, OBJECT)) else None
-        )
+        version, instructions, threads = _torch()
     except ImportError:
         return ""
     vendor = cpuinfo("vendor_id")
@@ -50,7 +48,7 @@ def here(name: str, spec: PolicySpec, renderer: Callable[[], str], *, workers: b
         "processor": f"{platform.machine()} {vendor}" if vendor else platform.machine(),
         "instructions": ", ".join([instructions, *limits]),
         "torch": version,
-        "threads": threads,
+        "threads": (1 if workers else threads) if name.startswith((PREFIX, OBJECT)) else None,
         "renderer": renderer() if spec.cameras else "",
     }
     return json.dumps(place, sort_keys=True)
@@ -79,18 +77,19 @@ def _words(place: str) -> list[str]:
     return [said["processor"], said["instructions"], f"torch {said['torch']}", counted, said.get("renderer", "")]
 
 
-def _torch() -> tuple[str, str]:
-    """Torch's version and instruction set: from the cache where possible, since its import takes a second."""
+def _torch() -> tuple[str, str, int]:
+    """Torch's version, instruction set and threads: from the cache where possible, since its import takes a second."""
     if "torch" in sys.modules:
         return _ask_torch()
-    version, instructions = kept("torch", _ask_torch, os.environ.get("ATEN_CPU_CAPABILITY"))
-    return version, instructions
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    version, instructions, threads = kept("torch", _ask_torch, cores, *map(os.environ.get, _CHOSEN))
+    return version, instructions, threads
 
 
-def _ask_torch() -> tuple[str, str]:
+def _ask_torch() -> tuple[str, str, int]:
     import torch
 
-    return str(torch.__version__), torch.backends.cpu.get_cpu_capability()
+    return str(torch.__version__), torch.backends.cpu.get_cpu_capability(), torch.get_num_threads()
 
 
 def described(spec: PolicySpec) -> str:

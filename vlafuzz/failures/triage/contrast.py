@@ -5,7 +5,7 @@ from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import beta
+from scipy.special import betainc
 
 EFFECT = 0.2  # difference of failure rates that makes a cause: smaller ones few users would act on
 LEVEL = 20  # evidence that rejects: at most one true null hypothesis in twenty reaches it (Ville's inequality)
@@ -59,8 +59,9 @@ def evidence(failures: int, without: int, pairs: int) -> float:
 def likely(failures: int, of: int, without: int, of_without: int) -> float:
     """The probability that the difference is above ``EFFECT``, given uniform rates."""
     centres = (np.arange(_CELLS) + 0.5) / _CELLS
-    density = beta.pdf(centres, failures + 1, of - failures + 1)
-    below = beta.cdf(centres - EFFECT, without + 1, of_without - without + 1)
+    powers = failures * np.log(centres) + (of - failures) * np.log1p(-centres)
+    density = np.exp(powers - powers.max())
+    below = betainc(without + 1, of_without - without + 1, (centres - EFFECT).clip(0))
     return float(density @ below / density.sum())
 
 

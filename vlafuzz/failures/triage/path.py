@@ -25,6 +25,7 @@ def free_genes(space: Space, scene: Scene, operators: Sequence[str], reference: 
     """
     values, start = space.values(scene), start_values(space, reference)
     both = _severe(space, values) & _severe(space, start)
+    used = {f"{CONFOUNDERS}.{slot}" for slot in range(len(space.things(scene)))}
     return [
         gene
         for path, gene in space.by_path.items()
@@ -32,7 +33,7 @@ def free_genes(space: Space, scene: Scene, operators: Sequence[str], reference: 
         and (gene.operator in both or not gene.neutral)
         and values[path] != start[path]
         and not (gene.grid.wraps and (values[path] - start[path]) % 360.0 == 0)
-        and _in_use(space, gene, scene)
+        and (not gene.slot.startswith(CONFOUNDERS) or gene.slot in used)
     ]
 
 
@@ -43,11 +44,6 @@ def start_values(space: Space, reference: Scene | None) -> Values:
 
 def _severe(space: Space, values: Values) -> set[str]:
     return {gene.operator for path, gene in space.by_path.items() if gene.distance(values[path]) > 0}
-
-
-def _in_use(space: Space, gene: Gene, scene: Scene) -> bool:
-    part, _, slot = gene.slot.partition(".")
-    return part != CONFOUNDERS or int(slot) < len(space.things(scene))
 
 
 class Path:

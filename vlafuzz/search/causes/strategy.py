@@ -119,8 +119,11 @@ class Causes:
                 self._learn_test(test, test.attribution, score)
             elif test.rule is not None:
                 self._learn_trial(test, test.rule, levels, score)
-            elif test.alone:
-                self._learn_alone(levels, score)
+            elif score.rolled_out and test.alone:
+                self._remember(levels, score)
+                self._background.learn_alone(ALONE, failed=score.failed)
+                if score.failed:
+                    self._waiting.add(levels, few=True)
             elif score.rolled_out:
                 self._background.learn(failed=score.failed)
 
@@ -182,13 +185,6 @@ class Causes:
             if genome is not None:
                 return Test(self._units.levels(genome), kept, alone=True), genome
         return None
-
-    def _learn_alone(self, levels: Levels, score: Score) -> None:
-        if score.rolled_out:
-            self._remember(levels, score)
-            self._background.learn_alone(ALONE, failed=score.failed)
-            if score.failed:
-                self._waiting.add(levels, few=True)
 
     def _begin(self) -> None:
         """Test a predecessor's causes; then attribute failures that wait, unless a rule explains them."""
