@@ -30,9 +30,10 @@ _SLACK = 0.2  # of a step, by which an interval may end beyond the step that it 
 _CELLS = 240  # of the grid over the crossing
 _WIDTHS = 9  # of the rise, from far less than a step to half of the path, weighted by their square roots
 _SHARPEST = 0.15  # steps
-# Failure rates far before the crossing, and pass rates far beyond it, with their weights. Without a pass rate of 0.4,
-# 82 % instead of 93 % of the intervals held where a policy passes 30 % beyond the threshold.
-_BEFORE = {0.01: 0.5, 0.06: 0.3, 0.2: 0.2}
+# Failure rates far before the crossing, weighted as if the policy had been tried so often in the reference; and pass
+# rates far beyond it, with their weights. Without a pass rate of 0.4, 82 % instead of 93 % of the intervals held where
+# a policy passes 30 % beyond the threshold.
+_BEFORE, _TRIED = np.array([0.01, 0.06, 0.2, 0.4, 0.6]), 6
 _BEYOND = {0.01: 0.5, 0.06: 0.25, 0.2: 0.15, 0.4: 0.1}
 
 
@@ -58,11 +59,13 @@ class Seen(NamedTuple):
         outcomes: how far each scene is along the path, in its steps, and whether it failed.
         otherwise: failure rate of scenes that are off in the other direction, or not at all.
         spared: pass rate beyond the failing scene, where something else in a scene prevents the failure.
+        chance: failure rate of the scene that the path starts from.
     """
 
     outcomes: Sequence[tuple[float, bool]] = ()
     otherwise: float = 0.0
     spared: float = 0.0
+    chance: float = 0.0
 
     def suffices(self, path: Path) -> bool:
         """Whether they show that it mostly fails up to the end of the range."""
@@ -99,7 +102,9 @@ def _threshold(
     genes = [gene for gene in free_genes(space, scene, space.group(name), start) if gene.kind != "category"]
     path = Path(space, scene, genes, start)
     first = shrunk.rates.get(name) if path.at(0) == shrunk.counterparts.get(name) else None
-    located = locate(path, oracle, first, shrunk.rate, _seen(shrunk, genes, start, space, trials))
+    chance = float(np.mean([failed for each, failed in trials if each == start] or [False]))
+    seen = _seen(shrunk, genes, start, space, trials)._replace(chance=chance)
+    located = locate(path, oracle, first, shrunk.rate, seen)
     if located is None:
         return None
 
@@ -158,7 +163,7 @@ def locate(path: Path, oracle: Oracle, first: Rate | None, last: Rate, seen: See
     if not path.length or not (first or _fails(path, oracle, 0) is False):
         return None
     on = path.end == path.length or seen.suffices(path) or _fails(path, oracle, path.end) is not False
-    crossing = Crossing(path.length, first.failures / first.rollouts if first and first.rollouts else 0.0)
+    crossing = Crossing(path.length, seen.chance)
     crossing.add(0, first.failures if first else 0, first.rollouts if first else CLEAR)
     crossing.add(path.length, last.failures, last.rollouts)
     for far, failed in seen.outcomes:
@@ -210,25 +215,25 @@ class Crossing:
 
     The rate rises as a logistic function between two asymptotes, as in fits of psychometric functions (Kontsevich,
     Tyler 1999 <https://doi.org/10.1016/S0042-6989(98)00285-5>). Its width and both asymptotes are unknown, too, and
-    integrated out on a grid; the first one is near the ``background``.
+    integrated out on a grid; the first one is near ``chance``.
     """
 
-    def __init__(self, upper: float, background: float = 0.0) -> None:
+    def __init__(self, upper: float, chance: float = 0.0) -> None:
         self._edges = np.linspace(0.0, upper, _CELLS + 1)
         widths = np.geomspace(_SHARPEST, max(upper / 2, 2 * _SHARPEST), _WIDTHS)
-        chance = min(background, 0.5) if background > max(_BEFORE) else 0.0  # beyond, the rise is too small
-        low, high = chance + (1 - chance) * np.array([*_BEFORE]), 1 - (1 - chance) * np.array([*_BEYOND])
-        self._middle, self._width, self._low, self._high = np.meshgrid(
-            (self._edges[:-1] + self._edges[1:]) / 2, widths, low, high, indexing="ij"
-        )
-        self._weight = np.sqrt(self._width) * np.multiply.outer([*_BEFORE.values()], [*_BEYOND.values()])
+        middles = (self._edges[:-1] + self._edges[1:]) / 2
+        self._middle, self._width, self._low, passing = np.meshgrid(middles, widths, _BEFORE, [*_BEYOND], indexing="ij")
+        self._high = 1 - (1 - self._low) * passing
+        before = (_BEFORE**chance * (1 - _BEFORE) ** (1 - chance)) ** _TRIED
+        self._weight = np.sqrt(self._width) * np.multiply.outer(before, [*_BEYOND.values()])
         self._weight /= self._weight.sum()
 
     def add(self, step: float, failures: int, rollouts: int, otherwise: float = 0.0, spared: float = 0.0) -> None:
         """Add rollouts at a step; for another reason they fail with probability ``otherwise``, or pass (``spared``)."""
         scaled = np.clip((step - self._middle) / self._width, -50.0, 50.0)
         rate = self._low + (self._high - self._low) / (1 + np.exp(-scaled))
-        rate = otherwise + (1 - otherwise) * (1 - spared) * rate
+        others = np.maximum(0.0, 1 - (1 - otherwise) / (1 - self._low))  # the others without those that fail by chance
+        rate = others + (1 - others) * (1 - spared) * rate
         self._weight *= rate**failures * (1 - rate) ** (rollouts - failures)
         self._weight /= self._weight.sum()
 

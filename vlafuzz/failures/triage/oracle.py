@@ -207,11 +207,8 @@ class Oracle:
         def until(tally: Tally) -> int:
             """The fresh pairs after which it is looked again whether it passes."""
             (*_, pairs), more = self._fresh(subject, tally, stages), missing(*self._pairs(subject, tally, stages))
-            return min(pairs + min(more, AT_ONCE), most) if is_open(tally) else 0
-
-        def is_open(tally: Tally) -> bool:
-            answer = self._contrast(subject, tally, stages)
-            return not answer and BLOCKING.isdisjoint((subject.problem, tally.problem)) and len(tally.losses) < most
+            over = self._contrast(subject, tally, stages) or {subject.problem, tally.problem} & BLOCKING
+            return 0 if over or len(tally.losses) >= most else min(pairs + min(more, AT_ONCE), most)
 
         self._draw_until([subject, *tallies], needed)
         return [

@@ -108,7 +108,8 @@ class Attribution:
         if scene < -self._confirmed:
             return None
         if scene < self._confirmed or self.suspects.rollouts(answer) < REPEATED:
-            compared = answer.sum() > 1 or self._background.is_known(len(outcomes))
+            usual = self._background.outcomes
+            compared = answer.sum() > 1 or not any(usual) or len(usual) >= len(outcomes)
             return answer if compared else np.zeros_like(answer)  # the reference, without which it tells little
         needed = answer.copy()
         for unit in np.flatnonzero(answer):

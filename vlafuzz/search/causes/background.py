@@ -58,10 +58,6 @@ class Background:
         chance = self.rate * (1 - share)
         return min(SUREST, chance / (chance + share))
 
-    def is_known(self, rollouts: int) -> bool:
-        """Whether the reference was rolled out as often as a scene that is compared with it."""
-        return not any(self.outcomes) or len(self.outcomes) >= rollouts
-
     def is_due(self, proposals: int, budget: int | None) -> bool:
         """Whether another rollout of the reference is due after so many proposals."""
         few = proposals // SHARE + 1
