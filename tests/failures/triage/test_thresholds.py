@@ -128,7 +128,7 @@ def test_intervals_cover_where_a_rate_has_risen_by_half(width, low, high):
     covered, spent = 0, []
     for seed, at in planted(40):
         policy = Simulated(rises(at, width, low, high), seed, jittered)
-        located = locate(yaw(4.0), policy, PASSES, FAILS, Seen(chance=low))
+        located = locate(yaw(4.0), policy, PASSES, FAILS, Seen(usual=[n < 10 * low for n in range(10)]))
         covered += located.low * STEP <= at <= located.high * STEP
         spent.append(policy.spent)
     assert covered >= 36

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.failures.mechanisms import HARDLY
 from vlafuzz.failures.triage.certify import Shrunk
 from vlafuzz.failures.triage.oracle import Oracle
 from vlafuzz.failures.triage.path import Path, direction, free_genes, steps
@@ -30,10 +31,10 @@ _SLACK = 0.2  # of a step, by which an interval may end beyond the step that it 
 _CELLS = 240  # of the grid over the crossing
 _WIDTHS = 9  # of the rise, from far less than a step to half of the path, weighted by their square roots
 _SHARPEST = 0.15  # steps
-# Failure rates far before the crossing, weighted as if the policy had been tried so often in the reference; and pass
-# rates far beyond it, with their weights. Without a pass rate of 0.4, 82 % instead of 93 % of the intervals held where
-# a policy passes 30 % beyond the threshold.
-_BEFORE, _TRIED = np.array([0.01, 0.06, 0.2, 0.4, 0.6]), 6
+# Failure rates far before the crossing, weighted by 6 to 12 rollouts of the run in nominal scenes, as if those that are
+# missing had passed; and pass rates far beyond it, with their weights. Without one of 0.4, 82 % instead of 93 % of the
+# intervals held where a policy passes 30 % beyond the threshold.
+_BEFORE, _FEWEST, _ENOUGH = np.array([0.01, 0.06, 0.2, 0.4, 0.6]), 6, 12
 _BEYOND = {0.01: 0.5, 0.06: 0.25, 0.2: 0.15, 0.4: 0.1}
 
 
@@ -59,13 +60,13 @@ class Seen(NamedTuple):
         outcomes: how far each scene is along the path, in its steps, and whether it failed.
         otherwise: failure rate of scenes that are off in the other direction, or not at all.
         spared: pass rate beyond the failing scene, where something else in a scene prevents the failure.
-        chance: failure rate of the scene that the path starts from.
+        usual: whether the policy failed in nominal scenes, if the path starts there.
     """
 
     outcomes: Sequence[tuple[float, bool]] = ()
     otherwise: float = 0.0
     spared: float = 0.0
-    chance: float = 0.0
+    usual: Sequence[bool] = ()
 
     def suffices(self, path: Path) -> bool:
         """Whether they show that it mostly fails up to the end of the range."""
@@ -102,8 +103,9 @@ def _threshold(
     genes = [gene for gene in free_genes(space, scene, space.group(name), start) if gene.kind != "category"]
     path = Path(space, scene, genes, start)
     first = shrunk.rates.get(name) if path.at(0) == shrunk.counterparts.get(name) else None
-    chance = float(np.mean([failed for each, failed in trials if each == start] or [False]))
-    seen = _seen(shrunk, genes, start, space, trials)._replace(chance=chance)
+    nominal = trials if shrunk.reference is None else ()
+    usual = [failed for each, failed in nominal if max(space.severities(each).values(), default=0.0) <= HARDLY]
+    seen = _seen(shrunk, genes, start, space, trials)._replace(usual=usual)
     located = locate(path, oracle, first, shrunk.rate, seen)
     if located is None:
         return None
@@ -163,7 +165,7 @@ def locate(path: Path, oracle: Oracle, first: Rate | None, last: Rate, seen: See
     if not path.length or not (first or _fails(path, oracle, 0) is False):
         return None
     on = path.end == path.length or seen.suffices(path) or _fails(path, oracle, path.end) is not False
-    crossing = Crossing(path.length, seen.chance)
+    crossing = Crossing(path.length, seen.usual)
     crossing.add(0, first.failures if first else 0, first.rollouts if first else CLEAR)
     crossing.add(path.length, last.failures, last.rollouts)
     for far, failed in seen.outcomes:
@@ -215,16 +217,18 @@ class Crossing:
 
     The rate rises as a logistic function between two asymptotes, as in fits of psychometric functions (Kontsevich,
     Tyler 1999 <https://doi.org/10.1016/S0042-6989(98)00285-5>). Its width and both asymptotes are unknown, too, and
-    integrated out on a grid; the first one is near ``chance``.
+    integrated out on a grid; the first one is near the share of ``usual``.
     """
 
-    def __init__(self, upper: float, chance: float = 0.0) -> None:
+    def __init__(self, upper: float, usual: Sequence[bool] = ()) -> None:
         self._edges = np.linspace(0.0, upper, _CELLS + 1)
         widths = np.geomspace(_SHARPEST, max(upper / 2, 2 * _SHARPEST), _WIDTHS)
         middles = (self._edges[:-1] + self._edges[1:]) / 2
         self._middle, self._width, self._low, passing = np.meshgrid(middles, widths, _BEFORE, [*_BEYOND], indexing="ij")
         self._high = 1 - (1 - self._low) * passing
-        before = (_BEFORE**chance * (1 - _BEFORE) ** (1 - chance)) ** _TRIED
+        tried = max(len(usual), _FEWEST)
+        chance = sum(usual) / tried
+        before = (_BEFORE**chance * (1 - _BEFORE) ** (1 - chance)) ** min(tried, _ENOUGH)
         self._weight = np.sqrt(self._width) * np.multiply.outer(before, [*_BEYOND.values()])
         self._weight /= self._weight.sum()
 

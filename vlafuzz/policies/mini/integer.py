@@ -65,12 +65,8 @@ def exact() -> bool:
 
     That is tried in a process of its own, as a kernel may crash, and once for a processor and torch.
     """
-    return bool(kept("integers", _survives_trial, os.environ.get("ONEDNN_MAX_CPU_ISA")))
-
-
-def _survives_trial() -> bool:
-    _, problem = tried(f"from {__name__} import trial; raise SystemExit(not trial())")
-    return not problem
+    code = f"from {__name__} import trial; raise SystemExit(not trial())"
+    return bool(kept("integers", lambda: not tried(code)[1], os.environ.get("ONEDNN_MAX_CPU_ISA")))
 
 
 @torch.inference_mode()
