@@ -31,10 +31,10 @@ _SLACK = 0.2  # of a step, by which an interval may end beyond the step that it 
 _CELLS = 240  # of the grid over the crossing
 _WIDTHS = 9  # of the rise, from far less than a step to half of the path, weighted by their square roots
 _SHARPEST = 0.15  # steps
-# Failure rates far before the crossing, weighted by 6 to 12 rollouts of the run in nominal scenes, as if those that are
-# missing had passed; and pass rates far beyond it, with their weights. Without one of 0.4, 82 % instead of 93 % of the
+# Failure rates far before the crossing, with their weights, which up to 12 rollouts in nominal scenes say where one of
+# them failed; and pass rates far beyond it, with their weights. Without one of 0.4, 82 % instead of 93 % of the
 # intervals held where a policy passes 30 % beyond the threshold.
-_BEFORE, _FEWEST, _ENOUGH = np.array([0.01, 0.06, 0.2, 0.4, 0.6]), 6, 12
+_BEFORE, _SELDOM, _ENOUGH = np.array([0.01, 0.06, 0.2, 0.4, 0.6]), np.array([0.5, 0.3, 0.2, 0, 0]), 12
 _BEYOND = {0.01: 0.5, 0.06: 0.25, 0.2: 0.15, 0.4: 0.1}
 
 
@@ -225,10 +225,10 @@ class Crossing:
         widths = np.geomspace(_SHARPEST, max(upper / 2, 2 * _SHARPEST), _WIDTHS)
         middles = (self._edges[:-1] + self._edges[1:]) / 2
         self._middle, self._width, self._low, passing = np.meshgrid(middles, widths, _BEFORE, [*_BEYOND], indexing="ij")
-        self._high = 1 - (1 - self._low) * passing
-        tried = max(len(usual), _FEWEST)
-        chance = sum(usual) / tried
-        before = (_BEFORE**chance * (1 - _BEFORE) ** (1 - chance)) ** min(tried, _ENOUGH)
+        self._by_chance = self._low if any(usual) else 0 * self._low
+        self._high = 1 - (1 - self._by_chance) * passing
+        share = sum(usual) / max(len(usual), 1)
+        before = (_BEFORE**share * (1 - _BEFORE) ** (1 - share)) ** min(len(usual), _ENOUGH) if share else _SELDOM
         self._weight = np.sqrt(self._width) * np.multiply.outer(before, [*_BEYOND.values()])
         self._weight /= self._weight.sum()
 
@@ -236,7 +236,7 @@ class Crossing:
         """Add rollouts at a step; for another reason they fail with probability ``otherwise``, or pass (``spared``)."""
         scaled = np.clip((step - self._middle) / self._width, -50.0, 50.0)
         rate = self._low + (self._high - self._low) / (1 + np.exp(-scaled))
-        others = np.maximum(0.0, 1 - (1 - otherwise) / (1 - self._low))  # the others without those that fail by chance
+        others = np.maximum(0.0, 1 - (1 - otherwise) / (1 - self._by_chance))  # without those that fail by chance
         rate = others + (1 - others) * (1 - spared) * rate
         self._weight *= rate**failures * (1 - rate) ** (rollouts - failures)
         self._weight /= self._weight.sum()
