@@ -165,8 +165,10 @@ def locate(path: Path, oracle: Oracle, first: Rate | None, last: Rate, seen: See
     if not path.length or not (first or _fails(path, oracle, 0) is False):
         return None
     on = path.end == path.length or seen.suffices(path) or _fails(path, oracle, path.end) is not False
-    crossing = Crossing(path.length, seen.usual)
-    crossing.add(0, first.failures if first else 0, first.rollouts if first else CLEAR)
+    failures, rollouts = (first.failures, first.rollouts) if first else (0, CLEAR)
+    crossing = Crossing(path.length, seen.usual or [number < failures for number in range(rollouts)])
+    if seen.usual or not failures:  # else they have said the rate before the crossing
+        crossing.add(0, failures, rollouts)
     crossing.add(path.length, last.failures, last.rollouts)
     for far, failed in seen.outcomes:
         if far <= (path.end if on else path.length):
