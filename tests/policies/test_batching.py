@@ -1,7 +1,8 @@
 """One policy for many callers gives each of them the answers that it would get alone."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from threading import Event
 
 import numpy as np
 import pytest
@@ -20,8 +21,8 @@ def begun(policy: Counter, *callers: int) -> BatchingPolicy:
     return batching
 
 
-def act(instruction: str = "move") -> Request:
-    return Request(act=[Observation(START.episode, 0, instruction)])
+def act(instruction: str = "move", times: int = 1) -> Request:
+    return Request(act=[Observation(START.episode, 0, instruction)] * times)
 
 
 def summary(answers: list[Answer]) -> list[object]:
@@ -29,12 +30,6 @@ def summary(answers: list[Answer]) -> list[object]:
         return (answer.message, answer.cause) if isinstance(answer, PolicyError) else [c.actions[0, 0] for c in answer]
 
     return list(map(told, answers))
-
-
-def test_a_call_has_no_more_than_the_policy_takes():
-    policy = Counter(max_batch=2)
-    begun(policy, 1, 2, 3).answer([(caller, act()) for caller in (1, 2, 3)])
-    assert policy.batches == [2, 1]
 
 
 def test_rollouts_of_the_same_name_do_not_meet():
@@ -67,9 +62,9 @@ def test_a_rollout_is_finished_when_it_is_over_or_its_caller_gone():
 LONG = 60.0  # seconds: whoever waits that long is stuck
 
 
-def rolling(policy: Counter, callers: int, wait: float = LONG) -> ServedPolicy:
+def rolling(policy: Counter, callers: int, patience: float = LONG) -> ServedPolicy:
     """A policy with as many live rollouts, whose callers are threads."""
-    served = ServedPolicy(policy, wait)
+    served = ServedPolicy(policy, lambda took: patience)
     for caller in range(callers):
         served.ask(caller, Request(begin=[START]))
     return served
@@ -91,6 +86,20 @@ def test_no_more_than_the_policy_takes_is_waited_for():
     assert policy.batches == [2]
 
 
+def test_a_call_has_no_more_than_the_policy_takes_and_an_answer_does_not_wait_for_later_calls():
+    class Held(Counter):
+        def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+            assert len(self.batches) < 2 or first.wait(LONG)
+            return super().act(observations)
+
+    served, first = rolling(policy := Held(max_batch=2), 2, patience=0.5), Event()
+    with ThreadPoolExecutor(2) as pool:
+        asked = [pool.submit(served.ask, caller, act(times=3)) for caller in range(2)]
+        assert wait(asked, LONG, FIRST_COMPLETED).done or first.set()
+        first.set()
+    assert policy.batches == [2, 1, 2, 1]
+
+
 def test_rollouts_that_are_over_and_callers_that_are_gone_are_not_waited_for():
     served = rolling(policy := Counter(), 3)
     served.ask(1, Request(over=[START.episode]))
@@ -100,7 +109,7 @@ def test_rollouts_that_are_over_and_callers_that_are_gone_are_not_waited_for():
 
 
 def test_one_that_says_nothing_is_not_waited_for_long():
-    assert at_once(rolling(policy := Counter(), 2, wait=0.01), 1) == [1.0]
+    assert at_once(rolling(policy := Counter(), 2, patience=0.01), 1) == [1.0]
     assert policy.batches == [1]
 
 

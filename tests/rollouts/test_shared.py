@@ -82,14 +82,6 @@ def test_a_model_that_takes_its_process_down_costs_one_more_try(tmp_path: Path, 
     assert (len(made), str(os.getpid()) in made) == (2, False)
 
 
-def test_rollouts_of_several_workers_do_not_meet(hosted):
-    share = hosted(Counter)
-    first, second = share(), share()
-    for policy in (first, second):
-        policy.reset([start()])
-    assert [ask(first), ask(first), ask(second), ask(first)] == [1, 2, 1, 3]
-
-
 def test_a_rollout_that_begins_anew_counts_from_the_beginning(hosted):
     policy = hosted(Counter)()
     old = Harness(policy, start())
@@ -144,7 +136,7 @@ def test_a_model_that_never_answers_is_lost_not_waited_for(hosted, capfd):
     policy.reset([start()])
     with pytest.raises(Lost, match="the process of counter died"):
         ask(policy)
-    assert "Timeout" in capfd.readouterr().err
+    assert "in act" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

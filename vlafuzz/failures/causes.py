@@ -263,7 +263,9 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
             taken = tuple(dict.fromkeys((*failure.operators, *[space.subject] * bool(types))))
             ranges.setdefault(key, Range(space, failure.scene, taken, failure.causes))
     ranges = {key: one for key, one in ranges.items() if merged[key].mechanism is None}
-    scenes = _random(store, run, set(kept.at_random))
+    drawn = set(kept.at_random)
+    trials = (trial for trial in store.trials(run.id) if trial.proposal in drawn and trial.outcome.judged)
+    scenes = [(came_about(trial.scene, trial.outcome), not trial.outcome.passed) for trial in trials] if drawn else []
     failing = [scene for scene, failed in scenes if failed]
     counts, unexplained = _explained(space, merged, ranges, failing)
     shared = _shared(space, merged, ranges, scenes, kept.probability)
@@ -283,12 +285,6 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
         certify="" if run.status == "running" else _certify(store, run, listed),
         nominal="" if listed else _nominal(store, run),
     )
-
-
-def _random(store: Store, run: Run, drawn: set[int]) -> list[tuple[Scene, bool]]:
-    """The random scenes of a run that passed or failed, each with whether it failed: without events after that."""
-    trials = (trial for trial in store.trials(run.id) if trial.proposal in drawn and trial.outcome.judged)
-    return [(came_about(trial.scene, trial.outcome), not trial.outcome.passed) for trial in trials] if drawn else []
 
 
 def _explained(

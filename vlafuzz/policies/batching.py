@@ -1,10 +1,10 @@
 """Batching policy: one policy for many callers, whose simultaneous requests it answers in one call."""
 
-import faulthandler
 import itertools
+import signal
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from threading import Condition, Lock
 from typing import cast
@@ -13,10 +13,14 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import BlamedOn, PartlyAnsweredError, check_chunks, finish
 
-# Seconds that requests wait for the next one: less than a simulator needs for a step and an image, and only
-# while there are rollouts without a pending request.
-WAIT = 0.005
-PATIENCE = 0.05  # share of the time of the last answer that requests wait, if that is longer
+# Seconds that requests wait for the next one, while there are rollouts without a pending request: less than a simulator
+# needs for a step and an image, and a tenth of the last answer's time; or a twentieth of that, if it is longer.
+WAIT, HURRY, PATIENCE = 0.005, 0.1, 0.05
+
+
+def patience(took: float) -> float:
+    """Seconds that requests wait for the next one, after an answer that took so long."""
+    return max(min(WAIT, HURRY * took), PATIENCE * took)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,14 +138,15 @@ class ServedPolicy:
     """One policy for many connections, each with a thread; it has no thread of its own.
 
     The first caller, while nobody else is being served, gathers the requests of the others until none has come for
-    ``wait`` seconds (longer if the policy is slow), has all of them answered, and distributes the answers. Requests
-    that arrive meanwhile are gathered by the next caller.
+    some time, has all of them answered, and distributes the answers. Requests that arrive meanwhile are gathered by the
+    next caller.
 
     Args:
-        longest: seconds for an answer before the whole process ends, as one that hangs; None for no limit.
+        wait: the seconds that requests wait for the next one, after an answer that took so many.
+        longest: seconds for an answer before SIGALRM ends the process, as one that hangs; 0 for no limit.
     """
 
-    def __init__(self, policy: Policy, wait: float = WAIT, longest: float | None = None) -> None:
+    def __init__(self, policy: Policy, wait: Callable[[float], float] = patience, longest: float = 0.0) -> None:
         self.spec, self._longest, self.newcomers = policy.spec, longest, itertools.count()
         self._batching, self._most, self._wait = BatchingPolicy(policy), policy.spec.max_batch, wait
         self._busy, self._took, self._lock = False, 0.0, Lock()
@@ -162,15 +167,15 @@ class ServedPolicy:
             self._pending.append(mine)
             (self._live.add if request.begin or request.act else self._live.discard)(caller)
             self._more.notify()
-            mine.turn.wait_for(lambda: mine.answer is not None or not self._busy)
-            if mine.answer is None:
+        while True:
+            with self._lock:
+                mine.turn.wait_for(lambda: mine.answer is not None or not self._busy)
+                if mine.answer is not None:
+                    break
                 self._busy = True
-                # A client that sends many observations needs longer for all of them than ``wait``.
-                while not self._complete() and self._more.wait(max(self._wait, PATIENCE * self._took)):
+                while not self._complete() and self._more.wait(self._wait(self._took)):
                     pass  # another request has come
-        if mine.answer is None:
-            self._answer_all()
-        assert mine.answer is not None
+            self._answer_some()
         if isinstance(mine.answer, PolicyError):
             raise mine.answer
         return mine.answer
@@ -180,18 +185,20 @@ class ServedPolicy:
         acting = sum(bool(pending.request.act) for pending in self._pending)
         return not acting or acting >= min(self._most, len(self._live))
 
-    def _answer_all(self) -> None:
+    def _answer_some(self) -> None:
         with self._lock:
-            batch, self._pending = self._pending, []
+            sizes = itertools.accumulate(len(pending.request.act) for pending in self._pending)
+            count = max(sum(size <= self._most for size in sizes), 1)  # the others come with what arrives meanwhile
+            batch, self._pending = self._pending[:count], self._pending[count:]
         answers: Sequence[Answer] = [PolicyError("the policy gave no answer")] * len(batch)
         began = time.monotonic()
-        if self._longest is not None:
-            faulthandler.dump_traceback_later(self._longest, exit=True)
         try:
+            if self._longest:  # a timer of the system: one of faulthandler's would take a millisecond of every answer
+                signal.setitimer(signal.ITIMER_REAL, self._longest)
             answers = self._batching.answer([(pending.caller, pending.request) for pending in batch])
         finally:  # whatever the policy raises, no caller may wait forever
-            if self._longest is not None:
-                faulthandler.cancel_dump_traceback_later()
+            if self._longest:
+                signal.setitimer(signal.ITIMER_REAL, 0)
             with self._lock:
                 self._busy, self._took = False, time.monotonic() - began
                 for pending, answer in zip(batch, answers, strict=True):

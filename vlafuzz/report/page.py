@@ -85,8 +85,8 @@ def environment() -> Environment:
     folder = Path(__file__).parent
     made = Environment(
         loader=FileSystemLoader(folder),
-        autoescape=True,  # names and instructions are untrusted text
-        finalize=_shown,
+        autoescape=True,  # names and instructions are untrusted text, in which signs may hide something
+        finalize=lambda shown: printable(shown) if isinstance(shown, str) and not isinstance(shown, Markup) else shown,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -102,11 +102,6 @@ def environment() -> Environment:
 
 def _encoded(content: bytes) -> str:
     return b64encode(content).decode("ascii")
-
-
-def _shown(value: object) -> object:
-    """What a page shows of a value: text without signs that hide something from whoever copies it."""
-    return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def check_place(out: Path) -> None:

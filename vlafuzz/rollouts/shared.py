@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import shutil
 import signal
@@ -169,6 +170,7 @@ class PolicyProcess:
 def _main(make: Callable[[], Policy], address: Address, key: bytes, parent: Any, longest: float) -> None:
     """The process, which runs until the parent ends it or is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends this process
+    faulthandler.register(signal.SIGALRM, chain=True)  # of an answer that takes too long: it says where, and ends this
     sys.stdout = sys.stderr  # a policy may print, and stdout is for data
     if isinstance(address, str):
         with suppress(FileNotFoundError):
