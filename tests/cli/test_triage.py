@@ -63,7 +63,7 @@ def test_it_goes_on_where_it_ended(capsys):
 def test_a_triage_whose_time_is_over_says_what_is_left(capsys):
     printed = typed(capsys, ["triage", "a.db", "--time", "0.000001s", "--json"])
     assert json.loads(printed.out)["triaged"] == 0
-    assert "3 failures are left: --time is over\nhint: continue with" in printed.err
+    assert "3 failures left: --time is over\nhint: continue with" in printed.err
 
 
 def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(capsys, store: Path):

@@ -63,7 +63,7 @@ def command(
         interruptible(f"interrupted: all finished failures are stored\nhint: continue with `{again}`") as bar,
         Store.open(store, "write") as opened,
     ):
-        _forecast(opened, limit, place.workers, allowance)
+        wanted = len(opened.triaged()) + _forecast(opened, limit, place.workers, allowance)
         unjudged = triage(
             opened,
             partial(runner_of_run, store, note=Bar.note),
@@ -79,14 +79,14 @@ def command(
     left = summary.findings - summary.triaged
     with Store.open(store) as opened:
         found = all_causes(opened)
-        if allowance.used_up and left:
-            which = f"{plural(left, 'failure')} {'is' if left == 1 else 'are'} left"
-            Bar.note(f"{which}: --time is over\nhint: continue with `{again}`{hours(opened, left)}")
+        if allowance.used_up and summary.triaged + unjudged.total() < wanted:
+            hint = f"hint: continue with `{again}`{hours(opened, left)}"
+            Bar.note(f"{plural(left, 'failure')} left: --time is over\n{hint}")
     if json:
         counts = {"unjudged": unjudged.total(), "broken": unjudged[Unjudged.BROKEN]}
         print_json(asdict(summary) | counts | {"runs": [{"run": one.run, **one.document()} for one in found]})
     else:
-        for one in found:
+        for one in (one for one in found if one.causes):  # of the others the table above says what triage found
             print_list([(*cause.conditions, cause.says) for cause in one.causes], title=one.title)
             print_lines(*one.sentences)
     if broken:
@@ -113,8 +113,8 @@ def shown_on(bar: Bar, kind: str) -> Callable[[Progress], None]:
     return watch
 
 
-def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowance) -> None:
-    """Say how long triage will take, unless nobody will have to wait."""
+def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowance) -> int:
+    """Say how long triage will take, unless nobody will have to wait; the number of failures."""
     from vlafuzz.campaign.forecast import NOBODY_WAITS
     from vlafuzz.failures.triage.pipeline import expected, pace
 
@@ -123,9 +123,10 @@ def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowanc
     rollouts = expected(store, left)
     seconds, within = rollouts * pace(store, workers), allowance.deadline.left
     if seconds > min(NOBODY_WAITS, within):
-        basis = f"about {plural(rollouts, 'rollout')}, which take as long as those of the run"
         end = f"; --time ends it after {duration(within)}" if seconds > within else ""
-        Bar.note(f"about {duration(seconds)}: {plural(left, 'failure')}, {basis}{end}")
+        of = f"{plural(left, 'failure')}, about {plural(rollouts, 'rollout')} as long as the run's"
+        Bar.note(f"about {duration(seconds)}: {of}{end}")
+    return left
 
 
 def _print(summary: TriageSummary) -> None:
@@ -138,11 +139,10 @@ def _print(summary: TriageSummary) -> None:
         "confirmed": share(summary.confirmed),
         "witnessed": share(summary.witnessed),
         "of these, by sight": share(summary.by_sight, summary.witnessed),
-        **{name: share(summary.buckets[name]) for name in ("minimal", "unproven", "flaky")},
+        **{name.replace("witnessed", "confirmed, not minimal"): share(some) for name, some in summary.buckets.items()},
         "distinct causes": summary.distinct_signatures,
         "policy rollouts": summary.policy_rollouts,
         "expert rollouts": summary.expert_rollouts,
-        "seconds": round(summary.seconds, 1),
     }
     print_rows([{"what": name, "value": value} for name, value in rows.items()], title=summary.store)
     print_lines(f"`{command_line('report', summary.store)}` lists the failures with what each takes")

@@ -322,7 +322,7 @@ class TriageSummary:
         findings: of the store, of which ``triaged`` were triaged.
         confirmed: findings that fail again in their neighbourhood: all that are not flaky. witnessed: confirmed ones
         that the expert solved; ``by_sight``: those that the seeing expert did.
-        signatures: findings by signature, after triage.
+        signatures: minimal failures by signature.
         policy_rollouts: all rollouts to confirm, shrink and attribute. expert_rollouts: replays included.
     """
 
@@ -346,7 +346,7 @@ def summarise(store: Store, task: str | None = None) -> TriageSummary:
     triaged = [one for one in store.triaged() if task in (None, one.scene.task)]
     witnesses = [finding.witness for finding in triaged if finding.witness]
     buckets = Counter(finding.bucket for finding in triaged)
-    signatures = Counter(finding.signature for finding in triaged if finding.shrunk and finding.signature)
+    signatures = Counter(finding.signature for finding in triaged if finding.bucket == "minimal" and finding.signature)
     return TriageSummary(
         store=str(store.path),
         findings=len(findings),
