@@ -94,6 +94,7 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
     if not shown:
         print_lines("no failures")
     print_lines(told(sum(one.before_event for one in listed)))
+    print_lines(*(f"run {one.run}: {one.probability} of random scenes fail" for one in found.causes if one.probability))
     if len(shown) < len(listed):
         print_lines(f"{len(listed) - len(shown)} more: --limit 0 shows all of them")
     if shown:

@@ -103,7 +103,7 @@ def run_plan(
     if certifying and causes and (not causes.found or _foresee(plan, causes, until)):
         interrupted = causes.found > 0 and not _certify(plan, summary, until)
         if not interrupted and not until.passed and (rest := further(plan, summary.run)):
-            Bar.note(f"{rest.more} rollouts more, which certification has left, for failures without a cause")
+            Bar.note(f"{rest.more} more rollouts, which certification did not need, look for what else fails")
             summary = _start(rest, until, again)
             interrupted = not _certify(plan, summary, until)
         causes, document = _causes(summary), asdict(summary)

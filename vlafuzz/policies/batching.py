@@ -137,9 +137,8 @@ class _Pending:
 class ServedPolicy:
     """One policy for many connections, each with a thread; it has no thread of its own.
 
-    The first caller, while nobody else is being served, gathers the requests of the others until none has come for
-    some time, has all of them answered, and distributes the answers. Requests that arrive meanwhile are gathered by the
-    next caller.
+    The first caller, while nobody else is being served, gathers the requests of the others for a while, has them
+    answered, and distributes the answers. The next caller gathers what arrives meanwhile.
 
     Args:
         wait: the seconds that requests wait for the next one, after an answer that took so many.
