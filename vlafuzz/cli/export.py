@@ -34,8 +34,8 @@ def export(
     controls: Annotated[
         int | None,
         option(
-            "Random scenes in a corpus, in which `vlafuzz regress` compares policies; up to five times as many if the "
-            "policy rarely passes.",
+            "Random scenes in a corpus, in which `vlafuzz regress` compares policies; up to five times as many until "
+            "16 of them pass, and a fifth of this number.",
             "200",
         ),
     ] = None,
