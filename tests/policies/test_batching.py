@@ -95,7 +95,7 @@ def test_a_call_has_no_more_than_the_policy_takes_and_an_answer_does_not_wait_fo
     served, first = rolling(policy := Held(max_batch=2), 2, patience=0.5), Event()
     with ThreadPoolExecutor(2) as pool:
         asked = [pool.submit(served.ask, caller, act(times=3)) for caller in range(2)]
-        assert wait(asked, LONG, FIRST_COMPLETED).done or first.set()
+        assert wait(asked, LONG, FIRST_COMPLETED).done or first.set()  # so that the threads end
         first.set()
     assert policy.batches == [2, 1, 2, 1]
 

@@ -13,8 +13,8 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import BlamedOn, PartlyAnsweredError, check_chunks, finish
 
-# Seconds that requests wait for the next one, while there are rollouts without a pending request: less than a simulator
-# needs for a step and an image, and a tenth of the last answer's time; or a twentieth of that, if it is longer.
+# While there are rollouts without a pending request, requests wait for the next one: a tenth of the last answer's time
+# and at most 5 ms, less than a simulator needs for a step and an image; after more than 0.1 s a twentieth of it.
 WAIT, HURRY, PATIENCE = 0.005, 0.1, 0.05
 
 
