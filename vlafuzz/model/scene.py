@@ -298,10 +298,14 @@ class Scene(_Strict):
     @cached_property
     def digest(self) -> str:
         """32 hexadecimal digits of the canonical JSON."""
-        return hashlib.blake2b(self.to_json().encode(), digest_size=16).hexdigest()
+        return hashlib.blake2b(self._json.encode(), digest_size=16).hexdigest()
 
     def to_json(self) -> str:
         """Canonical JSON: sorted keys, no whitespace, floats as written by ``repr``."""
+        return self._json
+
+    @cached_property
+    def _json(self) -> str:
         return json.dumps(_canonical(self), sort_keys=True, separators=(",", ":"))
 
     @staticmethod

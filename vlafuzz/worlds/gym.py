@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -18,13 +19,15 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from vlafuzz.common.arrays import Array, Picture
-from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
+from vlafuzz.common.plugins import PREFIX
+from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError, VlafuzzError
 from vlafuzz.model import Stage
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.harness import WIDTH, BlamedOn, check_chunks
+from vlafuzz.worlds import world_named
 from vlafuzz.worlds.base import TryingPolicy
 from vlafuzz.worlds.parameters import Parameter as Parameter, Value, read_parameters as read_parameters
-from vlafuzz.worlds.values import ValuesWorld
+from vlafuzz.worlds.values import ValuesSpace, ValuesWorld, own_name
 
 Env = gymnasium.Env[Any, Any]
 SUCCESS = ("success", "is_success")  # keys of an info, by convention
@@ -134,7 +137,7 @@ class GymWorld(ValuesWorld[Now]):
         known = name or getattr(act, "__name__", "own")
 
         def make() -> GymPolicy:
-            world, made = cls(), act() if isinstance(act, type) else act
+            world, made = cls._here(), act() if isinstance(act, type) else act
             answer, spec = getattr(made, "act", made), world._spec(known, state=True, deterministic=deterministic)
             return GymPolicy(world, spec, answer, getattr(made, "reset", None))
 
@@ -250,6 +253,19 @@ class GymWorld(ValuesWorld[Now]):
         if type(space) is not spaces.Box or space.shape != (self.action_width,) or not space.is_bounded():
             return None, None, 0.0, 0.0
         return space.shape, space.dtype, float(space.low.max()), float(space.high.min())
+
+    @classmethod
+    def _here(cls) -> Self:
+        """The world of this class that is loaded, whose environment tells the spaces, too; else another one."""
+        with suppress(VlafuzzError):  # such as that the class is none of a module
+            if type(world := world_named(f"{PREFIX}{cls.__module__}:{cls.__qualname__}")) is cls:
+                return world
+        return cls()
+
+    def space(self, task: str, *about: Any, **options: Any) -> ValuesSpace:
+        made = super().space(task, *about, **options)
+        self._task = self._task or own_name(task)  # by whose environment the spaces are read
+        return made
 
     def _spec(self, name: str, **about: Any) -> PolicySpec:
         return PolicySpec(name, action=ActionSpec(width=self.action_width), **about)

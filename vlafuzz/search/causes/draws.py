@@ -31,7 +31,7 @@ class Draws:
 
     def __init__(self, proposals: ProposalFactory, seed: int) -> None:
         self._proposals, self._seed = proposals, seed
-        self._supply: list[Levels] = []  # random scenes without a rollout
+        self._supply, self._wanted = list[Levels](), FIRST  # random scenes without a rollout; how many there are to be
         self._deviations: Array | None = None  # theirs
         self._ends: list[list[Levels]] | None = None  # see Units.ends
         self._coming: deque[tuple[Genome, float]] = deque()  # random scenes to draw, with coins in [0, 1)
@@ -68,11 +68,11 @@ class Draws:
         """A scene for the proposal with this number, of which the first is the reference."""
         if number == 0:
             return self._proposals.registered(units.genome(units.reference))
-        self._keep(min(FIRST + MORE * number, MOST), units)
+        self._wanted = min(FIRST + MORE * number, MOST)
         if not self.due(number):
             return self._severe(rng, units, rules)
         self._plain += 1
-        share = float(rules.regions(self._random(units), units).any(axis=1).mean())
+        share = float(rules.regions(self._random(units), units).any(axis=1).mean()) if rules else 0.0
         spread = abs(self._rates.predict(1.0) - self._rates.predict(0.0)) * math.sqrt(share * (1 - share))
         while True:
             self._sample(1)
@@ -84,7 +84,7 @@ class Draws:
                 chance=self._rates.chance(explained=explained),
                 prediction=self._rates.predict(explained),
                 mean_prediction=self._rates.predict(share),
-                error=spread / math.sqrt(len(self._supply)),
+                error=spread / math.sqrt(len(self._supply) or 1),
             )
             if coin < draw.chance:
                 sample = not share or coin < self._rates.chance(explained=True)
@@ -152,7 +152,7 @@ class Draws:
 
     def _random(self, units: Units) -> Array:
         """``(n, units + 1)`` deviations of the random scenes without a rollout."""
-        self._keep(FIRST, units)
+        self._keep(self._wanted, units)
         known = 0 if self._deviations is None else len(self._deviations)
         if known < len(self._supply):
             new = units.deviations(np.array(self._supply[known:]))
