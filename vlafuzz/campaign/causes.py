@@ -25,10 +25,10 @@ def attribution(strategy: Strategy, space: Space, store: Store, run: int) -> Att
     A cause's failures are some of all failures, so no bound of its share is above that of the probability.
     """
     overall: Probability | None = said_by(strategy, "probability", None)
-    trials = list(store.trials(run))
+    listed: Sequence[Cause] = said_by(strategy, "causes", ())
+    trials = list(store.trials(run)) if listed else []
     failed = (trial for trial in trials if trial.outcome.verdict is Verdict.FAILED)
     failures = [(trial.scene, trial.genome) for trial in failed if trial.genome is not None]
-    listed: Sequence[Cause] = said_by(strategy, "causes", ())
     drawn = tuple(said_by(strategy, "at_random", ()))
     plain = [
         FoundCause(

@@ -46,6 +46,8 @@ class Units:
         self.units = tuple(Unit(operator, kind, tuple(indices)) for (_, operator, kind), indices in members.items())
         self._categories = np.array([unit.kind == "category" for unit in self.units])
         self._members = np.array([index for unit in self.units for index in unit.indices], dtype=np.int64)
+        owners = {index: number for number, unit in enumerate(self.units) for index in unit.indices}
+        self._owners = np.array([owners[index] for index in range(len(genes))], dtype=np.int64)  # the unit of each gene
         self._begins = np.cumsum([0, *(len(unit.indices) for unit in self.units)])[:-1]  # of each unit among them
         self._wraps = np.array([gene.grid.wraps for gene in genes])
         at = {gene.path: index for index, gene in enumerate(genes)}
@@ -78,10 +80,7 @@ class Units:
 
     def keep(self, levels: Levels, kept: Mask) -> Levels:
         """The levels with all other units reset."""
-        reset = self.reference.copy()
-        for unit, stays in zip(self.units, kept, strict=True):
-            if stays:
-                reset[list(unit.indices)] = levels[list(unit.indices)]
+        reset = np.where(kept[self._owners], levels, self.reference)
         if self._axes and kept[self._around]:
             self._follow(reset, levels)
         return reset
