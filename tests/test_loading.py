@@ -42,9 +42,11 @@ def test_a_run_with_workers_loads_neither_simulator_nor_torch_nor_scikit_learn(t
     assert loaded_by(f"{CLI}assert main({['run', *flags]}) == 0") == []
 
 
-def test_a_run_in_a_world_of_ones_own_loads_none_of_ours_and_not_torch(tmp_path: Path):
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_run_in_a_world_of_ones_own_loads_none_of_ours_and_not_torch(tmp_path: Path, workers: int):
+    """The policy cannot be made where our simulator is loaded, in a worker either."""
     loaded_by("from vlafuzz.worlds import provenance; provenance._torch()")  # fills the cache
-    flags = ["--world=python:tests.worlds.carts:Expert", "--policy=python:tests.worlds.carts:sliding", "--unchecked"]
-    flags += ["--no-certify", "--budget=9", f"--store={tmp_path / 'x.db'}"]
+    flags = ["--world=python:tests.worlds.carts:Expert", "--policy=python:tests.worlds.carts:alone", "--unchecked"]
+    flags += ["--no-certify", "--budget=9", f"--store={tmp_path / 'x.db'}", f"--workers={workers}"]
     ours = (f"vlafuzz.worlds.{one}" for one in ("tabletop", "tabletop_mujoco", "libero.world"))
     assert loaded_by(f"{CLI}assert main({['run', *flags]}) == 0", ("torch", "scipy.stats", *ours)) == []

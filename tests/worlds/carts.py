@@ -1,6 +1,7 @@
 """Environments of gymnasium with known defects in their resets, steps and pictures, and sound ones beside them."""
 
 import random
+import sys
 import time
 from collections.abc import Mapping
 from itertools import count
@@ -259,3 +260,8 @@ def sliding(observation):
     """Pushes to the mark at once, and gives up where the cart began to the left of where it stands."""
     x, v, mark = observation
     return np.clip([3 * (mark - x) - 2 * v], -1, 1) if mark < 2.05 else [0.0]
+
+
+def alone():
+    assert "sapien" not in sys.modules
+    return sliding()

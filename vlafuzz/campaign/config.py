@@ -159,7 +159,6 @@ def filled(config: RunConfig) -> Filled:
 
 
 def _place(config: RunConfig, policy: str, most: int) -> Place:
-    """The place where up to so many scenes at a time are evaluated."""
     workers = config.workers
     if workers is None:
         workers = 1 if config.executor == "local" else default_workers(policy, most)

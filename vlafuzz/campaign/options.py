@@ -58,7 +58,6 @@ class Option:
 
 
 def _option(panel: str, flag: str, text: str, shown: str = "", *, default: Any = None, **more: Any) -> Any:
-    """A field that is an option."""
     return field(default=default, metadata={"option": Option(panel, text, shown, flag, **more)})
 
 

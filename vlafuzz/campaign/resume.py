@@ -62,7 +62,6 @@ def begun(flags: Mapping[str, Any]) -> Run | None:
 
 
 def _unfinished(store: Store, flags: Mapping[str, Any]) -> Run:
-    """The newest run that ended early and fits."""
     runs = store.runs()
     early = [run for run in runs if run.status in UNFINISHED]
     if not early:

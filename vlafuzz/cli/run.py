@@ -11,7 +11,7 @@ import typer
 from vlafuzz.campaign.options import AUTO
 from vlafuzz.cli.flags import ConfigFlag, JsonFlag, TimeFlag, TrustFlag, configured, option, typed, with_run_options
 from vlafuzz.cli.output import INTERRUPTED, print_json
-from vlafuzz.common.plugins import command as command_line
+from vlafuzz.common.plugins import command as command_line, is_reference
 from vlafuzz.errors import PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
@@ -65,7 +65,8 @@ def command(
     from vlafuzz.common.deadline import deadline
 
     until = deadline("--time", time)
-    _begin_early(given["policy"], given["workers"], given["executor"])
+    if not is_reference(world or given["task"] or ""):
+        _begin_early(given["policy"], given["workers"], given["executor"])
     from vlafuzz.campaign.config import RunConfig, plan as plan_of
     from vlafuzz.campaign.resume import resume as resume_run
     from vlafuzz.cli.runs import checked, run_plan, run_tasks, with_severity

@@ -147,7 +147,6 @@ def _causes(summary: Summary) -> CauseList | None:
 
 
 def _print_summary(summary: Summary, about: str) -> None:
-    """Print a run in numbers."""
     policy = f"{summary.label} ({summary.policy})" if summary.label else summary.policy
     title = f"run {summary.run}: {summary.task}, {policy}, {summary.strategy}, seed {summary.seed}"
     lines = {

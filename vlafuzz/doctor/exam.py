@@ -130,7 +130,6 @@ class Exam:
             yield verdicts.on_break(Break("when it was asked again about moments", error), first=False)
 
     def _observe(self) -> Check:
-        """Record the beginnings of some rollouts in cluttered scenes."""
         recorder, seen = self._recorder, 0
         recorder.most, space = ANSWERS, self._space(TARGETS)
         drawn = self._drawn(TARGETS + CLUTTER)

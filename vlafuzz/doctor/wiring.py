@@ -185,7 +185,11 @@ def check_wiring(
     best, gain = _best(failed, candidates, roll)
     if gain > CLEARLY:
         trial = _try(best, _alike([scene for scene, _ in failed], fresh), roll)
-        if trial.adds(SHIFT) and _keeps(best, outcomes, roll):
+        solved = [scene for scene, outcome in outcomes if outcome.verdict is Verdict.PASSED][:KEPT]
+        # A correction leaves at least half of them solved.
+        if trial.adds(SHIFT) and 2 * sum(roll(scene, best).verdict is Verdict.PASSED for scene in solved) >= len(
+            solved
+        ):
             without, corrected = np.mean(trial.progress, axis=0)
             rise = f"raises its progress from {without:.2f} to {corrected:.2f}"
             detail = f"{best.fault}: correcting this {rise} in {len(trial.progress)} scenes like those that failed"
@@ -219,12 +223,6 @@ def _best(failed: Sequence[Pair], candidates: Sequence[Correction], roll: Roll) 
             passes(correction, *pair)
     best = max(raised, key=lambda correction: fmean(gains[correction]))
     return best, fmean(gains[best])
-
-
-def _keeps(correction: Correction, outcomes: Sequence[Pair], roll: Roll) -> bool:
-    """Whether at least half of the scenes solved without the correction are solved with it."""
-    solved = [scene for scene, outcome in outcomes if outcome.verdict is Verdict.PASSED][:KEPT]
-    return 2 * sum(roll(scene, correction).verdict is Verdict.PASSED for scene in solved) >= len(solved)
 
 
 def _alike(failed: Sequence[Scene], fresh: Iterable[Scene]) -> Iterator[Scene]:

@@ -151,7 +151,6 @@ def _check_own(store: Store, run: Run) -> None:
 
 
 def _count(store: Store, run: Run, limit: int) -> Counted:
-    """Count a stored run, with what its triage has come to."""
     rate = rate_of(store, run, store.causes(run.id))
     made = certified(findings_in_order(store, run.id), store.triaged(), limit) if limit else None
     return Counted(

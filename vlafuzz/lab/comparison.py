@@ -146,7 +146,6 @@ def _standing(name: str, runs: Sequence[Counted]) -> Standing:
 
 
 def _known(runs: Sequence[Counted], measure: str) -> list[float] | None:
-    """A measure of all runs; None if one lacks it."""
     known = [value for run in runs if (value := getattr(run, measure)) is not None]
     return known if len(known) == len(runs) else None
 

@@ -317,7 +317,6 @@ class Space(ABC):
         return self._composer.compose(values)
 
     def _genome(self, levels: Mapping[str, int]) -> Genome:
-        """The genome at the middle of these levels."""
         return np.array([(levels[gene.path] + 0.5) / gene.grid.size for gene in self.genes])
 
     def _expressible(self, scene: Scene, paths: Iterable[str]) -> Values:

@@ -159,7 +159,6 @@ def _of_quantity(of: DescribedFailure, plot: Plot, cause: ListedCause | None) ->
 
 
 def _step(source: Path, of: DescribedFailure) -> tuple[str, str]:
-    """Say what to do next, with the command."""
     names = [of.run.policy, of.run.task]
     if of.bucket == "observed":
         return "Find out whether it holds:", command("triage", source, "--limit", 5, names=names)

@@ -151,7 +151,6 @@ def _head(one: Standing, listing: Listing, runs: Sequence[Run], store: Store, *,
 
 
 def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList], *, going_on: bool) -> str:
-    """What goes on in a store."""
     if not runs:
         return "no run yet"
     run = runs[-1]

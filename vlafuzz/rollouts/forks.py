@@ -9,18 +9,22 @@ from multiprocessing import connection, forkserver, get_context, parent_process
 from multiprocessing.context import ForkServerContext
 from threading import Thread
 
+from vlafuzz.worlds import known_worlds
+
 _SINGLE = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "LP_NUM_THREADS": "0"}
 
 
 def context() -> ForkServerContext:
     """The context whose processes are forked from the server; they have to call ``settle_in`` first."""
     forked = get_context("forkserver")
-    forked.set_forkserver_preload(["vlafuzz.rollouts.preload"])
+    if known_worlds.cache_info().currsize:  # so the world is one of ours, most likely
+        forked.set_forkserver_preload(["vlafuzz.rollouts.preload"])
     return forked
 
 
 def load_early() -> None:
     """Let the server load the simulator from now on."""
+    known_worlds()
     context()
     with single_threaded():
         forkserver.ensure_running()

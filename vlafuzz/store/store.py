@@ -282,7 +282,6 @@ class Store:
         return int(done.lastrowid or 0)
 
     def _all(self, made: Callable[[sqlite3.Row], T], query: str, *values: str | int) -> list[T]:
-        """What the rows of a query hold."""
         with intact(self.path):
             return [made(row) for row in self._select(query, *values)]
 

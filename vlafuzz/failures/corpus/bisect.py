@@ -284,12 +284,10 @@ def _passed(outcome: Outcome) -> float:
 
 
 def _said(probability: float) -> str:
-    """A probability in words, never as 100 %."""
     return percent(probability) if probability < 0.999 else "over 99.9%"
 
 
 def _unjudged(side: Side, said: str, outcomes: Iterable[Outcome]) -> PrerequisiteError:
-    """The error where no verdict on a checkpoint is possible."""
     details = (f": {outcome.detail}" for outcome in outcomes if outcome.verdict is Verdict.ERROR)
     hint = "`vlafuzz doctor --policy` examines a checkpoint; were the rollouts too few, give more --time or controls"
     return PrerequisiteError(f"{side.name}: {said}{next(details, '')}", hint=hint)

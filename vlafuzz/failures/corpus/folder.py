@@ -160,7 +160,6 @@ def read_corpus(folder: Path) -> Corpus:
 
 
 def _read_manifest(path: Path, folder: Path) -> _Manifest:
-    """Read and validate a manifest."""
     content = read_json(path, CorpusError, hint="expected an exported corpus", inside=folder)
     try:
         schema = content["schema"] if isinstance(content, dict) else None

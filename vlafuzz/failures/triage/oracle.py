@@ -239,7 +239,6 @@ class Oracle:
         return failures + sum(scene.earlier[:earlier]), without + sum(other.earlier[:earlier]), pairs + earlier
 
     def _fresh(self, scene: Tally, other: Tally, stages: Sequence[str] | None) -> tuple[int, int, int]:
-        """The same without the rollouts of the run."""
         pairs = min(len(scene.losses), len(other.losses))
         return scene.failures(self.counted, pairs), other.failures(stages or self.counted, pairs), pairs
 
@@ -288,7 +287,6 @@ class Oracle:
             self._draw(wanted[: self.room])
 
     def _draw(self, tallies: Sequence[Tally]) -> Sequence[Judged]:
-        """One rollout for each, in one batch."""
         numbers = list[int]()
         for tally in tallies:  # each rollout of a scene has another number
             numbers.append(tally.next)

@@ -330,7 +330,6 @@ class Causes:
             self._remember(self._units.keep(test.scene, test.kept), score)
 
     def _miss(self, test: Test) -> None:
-        """A test had no outcome."""
         if test.attribution is not None:
             test.attribution.waiting = False
             test.attribution.suspects.rule_out(test.kept)

@@ -179,7 +179,6 @@ class Expert:
         return np.array(self._env.data.site_xpos[self._site])
 
     def _below(self, name: str) -> float:
-        """Metres by which a thing is below the hand."""
         return float(self._hand()[2] - self._env.place(name)[2])
 
     def _shifted(self, aside: Array | tuple[float, float] = (0.0, 0.0), *, up: float = 0.0) -> Array:

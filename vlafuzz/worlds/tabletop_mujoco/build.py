@@ -179,7 +179,6 @@ def _table(pattern: str, colour: Colour) -> Picture:
 
 
 def _paint(spec: Any, material: str, pixels: Picture) -> None:
-    """Cover a material with a texture ``(height, width, 3)``."""
     height, width = pixels.shape[:2]
     texture = spec.add_texture(
         name=material, type=mujoco.mjtTexture.mjTEXTURE_2D, height=height, width=width, nchannel=3

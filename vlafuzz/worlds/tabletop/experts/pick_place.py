@@ -210,7 +210,6 @@ class PickPlaceController:
     # what the phases share
 
     def _enter(self, phase: Phase, belief: Belief) -> Array:
-        """Begin a phase; its first action."""
         self._phase, self._waited = phase, 0
         return phase(belief)
 
