@@ -43,8 +43,7 @@ def test_a_run_with_workers_loads_neither_simulator_nor_torch_nor_scikit_learn(t
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_a_run_in_a_world_of_ones_own_loads_none_of_ours_and_not_torch(tmp_path: Path, workers: int):
-    """The policy cannot be made where our simulator is loaded, in a worker either."""
+def test_a_run_in_a_world_of_ones_own_loads_none_of_ours_and_not_torch_nor_do_its_workers(tmp_path: Path, workers: int):
     loaded_by("from vlafuzz.worlds import provenance; provenance._torch()")  # fills the cache
     flags = ["--world=python:tests.worlds.carts:Expert", "--policy=python:tests.worlds.carts:alone", "--unchecked"]
     flags += ["--no-certify", "--budget=9", f"--store={tmp_path / 'x.db'}", f"--workers={workers}"]

@@ -38,15 +38,14 @@ def lights(proposals: list[Proposal]) -> list[float]:
     return [space().decode(proposal.genome).light.intensity for proposal in proposals]
 
 
-def test_most_scenes_fail_once_it_is_known_where_and_some_are_random():
-    _, proposals = played(dark, 6)
+def test_the_first_scenes_are_random_and_most_fail_once_it_is_known_where_and_what_it_keeps_is_bounded():
+    strategy, proposals = played(dark, 6)
+    drawn = Random(space(), 0).ask(WARM)
+    assert [p.genome.tolist() for p in proposals[:WARM]] == [p.genome.tolist() for p in drawn]
     shares = [np.mean([dark(proposal).failed for proposal in part]) for part in (proposals[:WARM], proposals[48:])]
     assert shares[0] < 0.5 < 0.6 < shares[1] < 1.0
-
-
-def test_the_first_scenes_are_random():
-    first, drawn = (strategy.ask(WARM) for strategy in (Surrogate(space(), 3, 200), Random(space(), 3)))
-    assert [p.genome.tolist() for p in first] == [p.genome.tolist() for p in drawn]
+    assert len(strategy._stock) <= KEPT
+    assert not strategy._pending
 
 
 def test_before_the_first_failure_it_goes_where_the_policy_passes_late():
@@ -63,9 +62,3 @@ def test_among_scenes_that_fail_alike_it_proposes_those_unlike_known_failures():
         return float(np.mean([np.sort(np.linalg.norm(known - point, axis=1))[:3].mean() for point in points]))
 
     assert distances(strategy.ask(16)) > 1.1 * distances(Random(space(), 9).ask(64))
-
-
-def test_the_candidates_that_it_keeps_are_bounded():
-    strategy, _ = played(dark, 4)
-    assert len(strategy._stock) <= KEPT
-    assert not strategy._pending
