@@ -186,10 +186,7 @@ def check_wiring(
     if gain > CLEARLY:
         trial = _try(best, _alike([scene for scene, _ in failed], fresh), roll)
         solved = [scene for scene, outcome in outcomes if outcome.verdict is Verdict.PASSED][:KEPT]
-        # A correction leaves at least half of them solved.
-        if trial.adds(SHIFT) and 2 * sum(roll(scene, best).verdict is Verdict.PASSED for scene in solved) >= len(
-            solved
-        ):
+        if trial.adds(SHIFT) and fmean([roll(scene, best).passed for scene in solved] or [1]) >= 0.5:
             without, corrected = np.mean(trial.progress, axis=0)
             rise = f"raises its progress from {without:.2f} to {corrected:.2f}"
             detail = f"{best.fault}: correcting this {rise} in {len(trial.progress)} scenes like those that failed"

@@ -96,6 +96,7 @@ class Nsga2:
         population.set("G", np.array([[0.0 if score.rolled_out else 1.0] for score in scores]))
 
     def _children(self, n: int, rng: Rng) -> list[Genome]:
+        """Up to ``n`` new children; fewer if mating finds hardly any."""
         children: list[Genome] = []
         known = [individual.X for individual in self._population]
         for _ in range(TRIES):

@@ -284,6 +284,7 @@ def _passed(outcome: Outcome) -> float:
 
 
 def _said(probability: float) -> str:
+    """A probability in words, never as 100 %."""
     return percent(probability) if probability < 0.999 else "over 99.9%"
 
 

@@ -122,6 +122,7 @@ def triangles(env: LiberoEnv, geom: int) -> Array:
 
 
 def _box() -> Array:
+    """``(12, 3, 3)`` triangles of the box from -1 to 1."""
     found = []
     for axis in range(3):
         for side in (-1.0, 1.0):
