@@ -29,7 +29,7 @@ def yaw(degrees: float):
 
 def test_a_threshold_is_described_with_units():
     both = Threshold("camera-orientation", (("camera.roll", 1.1), ("camera.yaw", -2.0)), 0.25)
-    assert describe(both) == "camera-orientation: fails from roll 1.1°, yaw -2° (25% of the way to the minimal scene) on"
+    assert describe(both) == "camera-orientation: fails from roll 1.1°, yaw -2° (25% of the way to the failure) on"
     second = Threshold("target-position", (("targets.1.x", 0.02),), 1.0)
     assert describe(second) == "target-position: fails from x of object 2 0.02 m on"
 

@@ -65,8 +65,8 @@ def command(
     from vlafuzz.common.deadline import deadline
 
     until = deadline("--time", time)
-    if not is_reference(world or given["task"] or ""):
-        _begin_early(given["policy"], given["workers"], given["executor"])
+    ours = not is_reference(world or given["task"] or "")
+    _begin_early(given["policy"], given["workers"], given["executor"], ours=ours)
     from vlafuzz.campaign.config import RunConfig, plan as plan_of
     from vlafuzz.campaign.resume import resume as resume_run
     from vlafuzz.cli.runs import checked, run_plan, run_tasks, with_severity
@@ -92,14 +92,14 @@ def command(
     _end(runs, left, fail_on_finding=fail_on_finding)
 
 
-def _begin_early(policy: str | None, workers: int | None, executor: str | None) -> None:
-    """Begin what takes seconds and is most likely needed: the simulator for workers."""
+def _begin_early(policy: str | None, workers: int | None, executor: str | None, *, ours: bool) -> None:
+    """Begin what takes seconds and is most likely needed: what workers load, in a world of ours the simulator."""
     from vlafuzz.rollouts import forks
     from vlafuzz.rollouts.capacity import most_workers
 
     own = ":" in (policy or "")  # has one worker by default
     if executor in (None, "processes") and (workers or (1 if own else most_workers())) > 1:
-        forks.load_early()
+        forks.load_early(ours=ours)
 
 
 def _end(runs: Sequence[Done], left: str, *, fail_on_finding: bool) -> None:

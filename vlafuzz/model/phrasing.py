@@ -29,8 +29,9 @@ def failing_range(threshold: Threshold) -> str:
     """The values that fail: ``fails from yaw 2.1° (2° to 2.2°) to 3.4° and from 4° on``."""
     first, *others = threshold.fails
     start = ", ".join(in_words(path, at, threshold.operator) + _interval(threshold, path) for path, at in threshold.at)
-    way = f" ({threshold.share:.0%} of the way to the minimal scene)" if threshold.share < 1 else ""
-    parts = [_range(start + way * (len(threshold.at) > 1), *first), *(_range(_amounts(low), low, high) for low, high in others)]
+    whole = len(threshold.at) == 1 or threshold.share == 1
+    share = "" if whole else f" ({threshold.share:.0%} of the way to the failure)"
+    parts = [_range(start + share, *first), *(_range(_amounts(low), low, high) for low, high in others)]
     return f"fails {' and '.join(parts)}"
 
 

@@ -33,7 +33,6 @@ Text = Annotated[str, Field(max_length=10_000), AfterValidator(plain)]
 
 
 def _quantity(unit: str, default: Any = MISSING) -> Any:
-    """A field with a unit, as written behind its value."""
     return field(default=default, metadata={"unit": unit})
 
 

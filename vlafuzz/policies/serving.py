@@ -143,8 +143,6 @@ class _Begun(BaseModel, frozen=True):
 
 
 class _Session:
-    """A connection with its rollout."""
-
     def __init__(self, policy: ServedPolicy) -> None:
         self._spec, self._policy, self._number = policy.spec, policy, next(policy.newcomers)
         self._said = _Begun()

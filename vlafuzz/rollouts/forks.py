@@ -1,4 +1,4 @@
-"""Worker processes, forked from a server that loads the simulator once for all of them: it takes seconds."""
+"""Worker processes, forked from a server that loads what they need once for all of them: it takes seconds."""
 
 import os
 import signal
@@ -17,14 +17,15 @@ _SINGLE = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "LP_NUM_THREADS": "0"
 def context() -> ForkServerContext:
     """The context whose processes are forked from the server; they have to call ``settle_in`` first."""
     forked = get_context("forkserver")
-    if known_worlds.cache_info().currsize:  # so the world is one of ours, most likely
-        forked.set_forkserver_preload(["vlafuzz.rollouts.preload"])
+    ours = known_worlds.cache_info().currsize > 0  # else it is a world of the user's own
+    forked.set_forkserver_preload(["vlafuzz.rollouts.preload" if ours else "vlafuzz.rollouts.setup"])
     return forked
 
 
-def load_early() -> None:
-    """Let the server load the simulator from now on."""
-    known_worlds()
+def load_early(*, ours: bool) -> None:
+    """Let the server load from now on what workers need; ``ours``: a simulator of ours, too."""
+    if ours:
+        known_worlds()
     context()
     with single_threaded():
         forkserver.ensure_running()
