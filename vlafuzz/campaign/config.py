@@ -198,7 +198,6 @@ def _check_scenes(config: RunConfig, scenes: Sequence[Scene], what: str, wanted:
 
 
 def _manifest(config: RunConfig, space: Space, policy: Policy, scenes: Sequence[Scene], *, workers: bool) -> Manifest:
-    """The manifest of a run; ``config`` leaves nothing open."""
     flags = {name: getattr(config, name) for name in Manifest.flags()}
     chosen = {name: value for name in OF_WORLDS if (value := getattr(config, name)) is not None}
     found = with_settings(space.conditions, str(config.policy), space.task.name, chosen)

@@ -246,7 +246,6 @@ class Campaign:
         return min(room, 1) if overlaps(self.strategy) else room
 
     def _affordable(self) -> int:
-        """How many more scenes there may be."""
         return (self._most - self._told) // self.manifest.repeats - len(self._awaited)
 
     def _admit(self, proposals: Sequence[Proposal]) -> None:

@@ -5,7 +5,7 @@ import signal
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from multiprocessing import connection, forkserver, get_context, parent_process
+from multiprocessing import connection, forkserver, get_context, parent_process, resource_tracker
 from multiprocessing.context import ForkServerContext
 from threading import Thread
 
@@ -62,9 +62,12 @@ def single_threaded() -> Iterator[None]:
     """
     before = {name: os.environ.get(name) for name in _SINGLE}
     os.environ.update(_SINGLE)
+    resource_tracker.ensure_running()  # whose start would let the signal through again
+    heard = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # a server that begins does not hear Ctrl-C
     try:
         yield
     finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, heard)
         for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)
