@@ -175,7 +175,10 @@ class GymWorld(ValuesWorld[Now]):
     @cached_property
     def simulator(self) -> str:
         module = type(self._kept.unwrapped).__module__.partition(".")[0]
-        found = (metadata.packages_distributions().get(module) or [])[:1]
+        try:
+            found = [metadata.metadata(module)["Name"]]
+        except metadata.PackageNotFoundError:  # it has another name, which takes half a second to look up
+            found = (metadata.packages_distributions().get(module) or [])[:1]
         names = dict.fromkeys(["gymnasium", *found, *self.packages])
         try:
             return ", ".join(f"{name} {metadata.version(name)}" for name in names)
