@@ -119,10 +119,7 @@ class GymWorld(ValuesWorld[Now]):
         return None if drawn is None else np.asarray(drawn, dtype=np.uint8)
 
     def solve(self, now: Now) -> Any:
-        """The expert's next action, or several, one a row; a world that leaves it out has no expert.
-
-        Without one, no failure is shown to be solvable.
-        """
+        """The expert's next action, or several, one a row; without an expert no failure is shown to be solvable."""
         return None
 
     @classmethod
@@ -175,10 +172,8 @@ class GymWorld(ValuesWorld[Now]):
     @cached_property
     def simulator(self) -> str:
         module = type(self._kept.unwrapped).__module__.partition(".")[0]
-        try:
-            found = [metadata.metadata(module)["Name"]]
-        except metadata.PackageNotFoundError:  # it has another name, which takes half a second to look up
-            found = (metadata.packages_distributions().get(module) or [])[:1]
+        named = [one.name for one in metadata.distributions(name=module)]  # the list of all takes half a second
+        found = (named or metadata.packages_distributions().get(module) or [])[:1]
         names = dict.fromkeys(["gymnasium", *found, *self.packages])
         try:
             return ", ".join(f"{name} {metadata.version(name)}" for name in names)
