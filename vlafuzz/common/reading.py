@@ -106,12 +106,14 @@ def read_yaml(path: Path, problem: Problem, hint: str | None = None) -> Any:
     text = read_text(path, problem, hint, most=MOST_YAML)
     try:
         _check_expanded(text)
-        return yaml.load(text, _SafeLoader)  # noqa: S506 - it is safe, and in C where there is one
+        if (content := yaml.load(text, _SafeLoader)) is not None:  # noqa: S506 - it is safe, and in C where there is one
+            return content
     except yaml.YAMLError as error:
         reason = str(error).replace('"<unicode string>", ', "")
         raise problem(f"{path}: not YAML: {reason}", hint) from None
     except Exception as error:  # PyYAML raises many types for values such as 2001-99-99 or !!bool x
         raise problem(f"{path}: not YAML: a malformed value: {error}", hint) from None
+    raise problem(f"{path}: is empty", hint)
 
 
 def read_json(path: Path, problem: Problem, hint: str | None = None, *, inside: Path | None = None) -> Any:
