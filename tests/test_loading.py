@@ -26,7 +26,7 @@ def loaded_by(code: str, names: tuple[str, ...] = HEAVY) -> list[str]:
         (f"{CLI}assert main(['--help']) == 0", ("torch", "numpy", "pydantic", "vlafuzz.cli.run")),
         (f"{CLI}assert main(['run', '--budget', '0']) == 2", HEAVY),
         (DOCTOR, ("numpy", "pydantic", "scipy", "torch")),
-        ("import vlafuzz.campaign.fuzz, vlafuzz.campaign.config, vlafuzz.worlds.provenance", HEAVY),
+        ("import vlafuzz.campaign.fuzz, vlafuzz.campaign.config", (*HEAVY, "scipy.linalg", "cv2")),
         ("from vlafuzz.rollouts.policies import make_policy; make_policy('mini').spec", HEAVY),
         (CATALOGUE, ("trimesh", "scipy", "PIL", "sapien", "torch")),
     ],

@@ -5,7 +5,6 @@ from abc import ABC, abstractmethod
 from collections import deque
 from zlib import crc32
 
-import cv2
 import numpy as np
 
 from vlafuzz.common.arrays import Array, Picture
@@ -43,6 +42,8 @@ class SensorNoise:
 
     def degraded(self, image: Picture, step: int, camera: str) -> Picture:
         """A ``(height, width, 3)`` image as the policy sees it; the same image without noise."""
+        import cv2  # here, as every command would wait for it
+
         if self.noise.blur:
             image = np.asarray(cv2.GaussianBlur(image, (0, 0), self.noise.blur), dtype=np.uint8)
         if self.noise.grain:
@@ -50,8 +51,7 @@ class SensorNoise:
             noisy = image + rng.normal(0.0, self.noise.grain, image.shape)
             image = np.clip(np.round(noisy), 0, 255).astype(np.uint8)
         if self.noise.jpeg < 100:
-            quality = [cv2.IMWRITE_JPEG_QUALITY, round(self.noise.jpeg)]
-            _, encoded = cv2.imencode(".jpg", image[..., ::-1], quality)
+            _, encoded = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, round(self.noise.jpeg)])
             decoded = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), dtype=np.uint8)
             image = np.ascontiguousarray(decoded[..., ::-1])  # torch takes no negative strides
         return image

@@ -4,8 +4,8 @@ from functools import cache
 from itertools import count
 
 import numpy as np
+import scipy  # its parts are loaded when they are used
 from numpy.typing import NDArray
-from scipy.special import betainc
 
 EFFECT = 0.2  # difference of failure rates that makes a cause: smaller ones few users would act on
 LEVEL = 20  # evidence that rejects: at most one true null hypothesis in twenty reaches it (Ville's inequality)
@@ -61,7 +61,7 @@ def likely(failures: int, of: int, without: int, of_without: int) -> float:
     centres = (np.arange(_CELLS) + 0.5) / _CELLS
     powers = failures * np.log(centres) + (of - failures) * np.log1p(-centres)
     density = np.exp(powers - powers.max())
-    below = betainc(without + 1, of_without - without + 1, (centres - EFFECT).clip(0))
+    below = scipy.special.betainc(without + 1, of_without - without + 1, (centres - EFFECT).clip(0))
     return float(density @ below / density.sum())
 
 

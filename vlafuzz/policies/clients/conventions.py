@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
+import scipy  # whose parts are loaded when they are used: every command would wait for them
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from vlafuzz.policies.base import Observation
 
@@ -19,7 +19,7 @@ ROTATIONS = {"axis_angle": TURN, "rpy": ("roll", "pitch", "yaw"), "euler_xyz": (
 def _two_fingers(state: State) -> State:
     """A rotation vector of up to 270 degrees, and both fingers in metres."""
     finger = state[6] * 0.04
-    turn = Rotation.from_rotvec(state[3:6])
+    turn = scipy.spatial.transform.Rotation.from_rotvec(state[3:6])
     vector, angle = turn.as_rotvec(), turn.magnitude()
     if angle > np.pi / 2 and vector[0] < 0:
         vector *= 1 - 2 * np.pi / angle
@@ -28,16 +28,16 @@ def _two_fingers(state: State) -> State:
 
 def _quaternion(state: State) -> State:
     """The state in SimplerEnv's layout: a quaternion w x y z, the opening in [0, 1]."""
-    turn = Rotation.from_rotvec(state[3:6])
+    turn = scipy.spatial.transform.Rotation.from_rotvec(state[3:6])
     x, y, z, w = turn.as_quat(canonical=True) * (-1 if turn.magnitude() > np.pi / 2 and state[3] < 0 else 1)
     return np.concatenate([state[:3], [w, x, y, z], state[6:]], dtype=np.float32)
 
 
 def _from_down(state: State) -> State:
     """Angles relative to a hand that points down; the fingers are alike, so the smaller turn counts."""
-    now = Rotation.from_rotvec(state[3:6])
-    down = Rotation.from_rotvec(np.pi * np.eye(3)[:2])  # half turns about x and about y, each its own inverse
-    turn = min((now * half for half in down), key=lambda turned: float(turned.magnitude()))
+    now = scipy.spatial.transform.Rotation.from_rotvec(state[3:6])
+    halves = scipy.spatial.transform.Rotation.from_rotvec(np.pi * np.eye(3)[:2])  # about x, about y: their own inverses
+    turn = min((now * half for half in halves), key=lambda turned: float(turned.magnitude()))
     return np.concatenate([state[:3], turn.as_euler("xyz"), [0.0], state[6:]], dtype=np.float32)
 
 
