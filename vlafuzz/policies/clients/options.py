@@ -82,7 +82,7 @@ class CommonOptions(BaseModel):
     seconds, for each of the observations sent at once.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)  # most commands use none of them
     protocol: ClassVar[str]
 
     version: str | None = Field(default=None, pattern=r"^[\w.:@+/-]{1,100}$")
