@@ -25,7 +25,7 @@ MIN_DISTANCE = Setting("min_distance", 0.0)  # between objects' centres, metres
 VISIBLE = Setting("visible", "")  # bounds of visibility, as JSON; empty where that is not checked
 TASKS = ("pick-up", "move-near", "put-on", "put-in")  # that may have ranges of their own in a file
 _NO_OPERATORS = ("instructions", "libero-objects")
-_EXTENDS = "`extends: tabletop` fills in what a file leaves out"
+_KEYS_SAID = "operators/README.md says what each key means; `vlafuzz list operators` shows the ranges in use"
 Kind = TypeVar("Kind", bound=Operator)
 
 
@@ -132,7 +132,7 @@ def _read(path: Path, extended: tuple[Path, ...]) -> Any:
     """What a file says, completed by the files that it extends; nothing of it is checked."""
     if path.resolve() in extended:
         raise CatalogueError(f"{path}: extends: goes round in a circle")
-    file = read_yaml(path, CatalogueError, _EXTENDS)
+    file = read_yaml(path, CatalogueError, _KEYS_SAID)
     if not isinstance(file, dict) or "extends" not in file:
         return file
     base = _read(_find(str(file.pop("extends")), beside=path), (*extended, path.resolve()))
@@ -199,11 +199,10 @@ def _validated(path: Path, raw: object) -> _Whole:
             raise CatalogueError(f"{path}: {place}: unknown key", hint=hint)
     first = problem.errors()[0]
     if first["type"] == "missing" and len(first["loc"]) < 3:
-        raise CatalogueError(f"{path}: {'.'.join(map(str, first['loc']))}: missing", hint=_EXTENDS)
-    raise CatalogueError(
-        f"{path}: {'' if first['loc'] else 'the file: '}{first_problem(problem)}",
-        hint="operators/README.md says what each key means; `vlafuzz list operators` shows the ranges in use",
-    )
+        hint = "`extends: tabletop` fills in what a file leaves out"
+        raise CatalogueError(f"{path}: {'.'.join(map(str, first['loc']))}: missing", hint=hint)
+    where = "" if first["loc"] else "the file: "
+    raise CatalogueError(f"{path}: {where}{first_problem(problem)}", hint=_KEYS_SAID)
 
 
 def stored_operators(source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> OperatorSet:
